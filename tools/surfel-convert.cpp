@@ -384,10 +384,11 @@ std::string counted_surfels(surfel::tool::Tool& tool, std::size_t surfels) {
 void begin_sort(surfel::tool::Tool& tool, const Settings& s, const surfel::CloudSurvey& survey,
                 const surfel::PositionSample& sample, const surfel::SurfelCloud& first,
                 std::optional<surfel::SortedCloudWriter>& sorter) {
-  sorter.emplace(s.output, survey, sample, first,
-                 surfel::CloudSortOptions{.memory = surfel::memory_to_use(s.memory),
-                                          .no_clobber = tool.common().no_clobber,
-                                          .job = surfel::tool::job(tool, s.resume, s.inputs)});
+  sorter.emplace(
+      s.output, survey, sample, first,
+      surfel::CloudSortOptions{.memory = surfel::memory_to_use(s.memory),
+                               .no_clobber = tool.common().no_clobber,
+                               .job = surfel::tool::job(tool, s.resume, s.inputs, s.output)});
   surfel::tool::tell_resumed(tool, s.output, sorter->kept(), survey.count);
   const std::uint64_t bytes = sorter->scratch_bytes();
   tool.report()["scratch_bytes"] = bytes;

@@ -21,6 +21,7 @@
 #include <surfel/ranks/ranks.h>
 #include <surfel/scene/cloud_rows.h>
 
+#include "tools/support/block_writer.h"
 #include "tools/support/options.h"
 #include "tools/support/resume.h"
 #include "tools/support/run_ranks.h"
@@ -313,58 +314,6 @@ void warn(const surfel::tool::Tool& tool, const std::string& input, bool edges,
   count(r.capped, "are far from all others: their splats were cut to the neighbours' spacing");
 }
 
-/// Writes surfels as they are made: PLY block by block, other formats in their order.
-class Writer final : public surfel::SurfelSink {
- public:
-  Writer(const surfel::tool::Tool& tool, std::string path, const std::string& job,
-         surfel::Ranks* ranks)
-      : tool_(tool), path_(std::move(path)) {
-    const std::string extension = surfel::tool::lower_extension(path_);
-    if (extension.empty() || extension == ".ply") {
-      rows_.emplace(path_, surfel::RowFileOptions{tool.common().no_clobber, job, ranks});
-    } else if (!job.empty() || ranks) {
-      surfel::throw_usage(path_ + ": " + (ranks ? "several processes write" : "--resume writes") +
-                          " PLY alone; give a .ply");
-    }
-  }
-
-  void begin(const surfel::SurfelCloud& like, std::size_t count) override {
-    surfel::SurfelCloud described = like;
-    described.provenance.push_back(tool_.provenance());
-    surfel::tool::tell_lost_columns(tool_, described, path_);
-    count_ = count;
-    if (rows_) {
-      rows_->begin(described, count);
-      surfel::tool::tell_resumed(tool_, path_, rows_->rows_kept(), count);
-      return;
-    }
-    text_.reset();
-    text_.emplace(path_, count, surfel::CloudWriteOptions{.no_clobber = tool_.common().no_clobber});
-  }
-  void put(surfel::SurfelCloud surfels, std::size_t at) override {
-    if (rows_) return rows_->put(surfels, 0, surfels.size(), at);
-    surfels.provenance.push_back(tool_.provenance());
-    text_->append(surfels);
-  }
-  /// Completes the file.
-  void commit() {
-    if (rows_) {
-      rows_->commit();
-    } else {
-      text_->commit();
-    }
-  }
-  surfel::Checkpoints* checkpoints() { return rows_ ? &*rows_ : nullptr; }
-  std::size_t surfels() const { return count_; }
-
- private:
-  const surfel::tool::Tool& tool_;
-  std::string path_;
-  std::size_t count_ = 0;
-  std::optional<surfel::RowFile> rows_;
-  std::optional<surfel::CloudWriter> text_;
-};
-
 void estimate_in_memory(surfel::tool::Tool& tool, Settings& s) {
   const surfel::SurfelCloud cloud = surfel::tool::read_finest(tool, s.input, s.part.options());
   finish(s, cloud);
@@ -391,12 +340,14 @@ void estimate_in_blocks(surfel::tool::Tool& tool, Settings& s, const surfel::Clo
   surfel::tool::tell_finest(tool, s.input, first, cloud.size());
   // What a process takes without any points.
   constexpr std::uint64_t kProcess = std::uint64_t{48} << 20;
-  Writer writer(tool, s.output, surfel::tool::job(tool, s.resume, {s.input}), ranks);
+  surfel::tool::BlockWriter writer(
+      tool, s.output,
+      {.job = surfel::tool::job(tool, s.resume, {s.input}, s.output), .peers = ranks});
   surfel::EstimateReport estimate;
   surfel::estimate_by_blocks(cloud, s.estimate,
                              {.memory = memory - std::min(memory / 2, kProcess),
                               .beside = s.output,
-                              .checkpoints = s.resume ? writer.checkpoints() : nullptr,
+                              .checkpoints = writer.checkpoints(),
                               .peers = ranks},
                              writer, &estimate, s.input);
   report(tool.report(), s.clip, estimate);

@@ -18,7 +18,9 @@
 #include <surfel/sp06/group_blocks.h>
 #include <surfel/sp06/grouping.h>
 
+#include "tools/support/block_writer.h"
 #include "tools/support/options.h"
+#include "tools/support/resume.h"
 #include "tools/support/surfels.h"
 #include "tools/support/tool.h"
 
@@ -30,6 +32,7 @@ struct Settings {
   bool print_table = false;
   double max_memory_gb = 0;
   std::optional<std::uint64_t> memory;  ///< Bytes; unset: three quarters of what is free.
+  bool resume = false;                  ///< Keep what an interrupted run has made.
   surfel::GroupingOptions grouping;
   std::optional<surfel::CoverMethod> cover;
   surfel::CoverageOptions coverage;
@@ -102,7 +105,11 @@ void declare_options(CLI::App& app, Settings& s) {
   tool::add_memory(app, s.memory,
                    "Memory for surfels; a binary PLY file in space-filling order (surfel-convert "
                    "--sort curve) may be larger, without --groups and --cover");
+  tool::add_resume(app, s.resume);
 }
+
+/// Are many splats divided block by block?
+bool can_divide(const Settings& s) { return s.grouping.groups == 0 && !s.cover; }
 
 /// Adds a problem for each given option that has no effect beside the others.
 void check_effects(const CLI::App& app, const Settings& s, std::vector<std::string>& problems) {
@@ -120,6 +127,7 @@ void check_effects(const CLI::App& app, const Settings& s, std::vector<std::stri
   needs("--least-gain", s.cover == CoverMethod::kDuplicate, "--cover duplicate");
   needs("--cover", !s.output.empty(), "--output");
   needs("--overlap", !s.output.empty(), "--output");
+  needs("--resume", !s.output.empty(), "--output");
 }
 
 void check(const CLI::App& app, Settings& s) {
@@ -134,6 +142,11 @@ void check(const CLI::App& app, Settings& s) {
     problems.emplace_back("--print-table counts the groups that it takes; leave out --groups");
   }
   check_effects(app, s, problems);
+  if (s.resume && !can_divide(s)) {
+    problems.emplace_back(
+        "--groups and --cover need all surfels at once, and cannot be taken up: leave out "
+        "--resume");
+  }
   if (!(s.max_memory_gb >= 0 && s.max_memory_gb <= 1e6)) {
     problems.push_back(
         fmt::format("--max-memory is {}; it must be 0 to 1000000 GB", s.max_memory_gb));
@@ -307,10 +320,20 @@ void group_in_memory(surfel::tool::Tool& tool, const Settings& s) {
 
 [[noreturn]] void refuse_disorder(const Settings& s, std::uint64_t bytes, std::uint64_t memory) {
   surfel::throw_input(
-      s.input, fmt::format("takes {} MB in memory, of which {} MB are allowed (--memory), and is "
-                           "not in space-filling order; {}",
-                           (bytes >> 20) + 1, memory >> 20, surfel::range_advice(s.input)));
+      s.input, bytes > memory
+                   ? fmt::format("takes {} MB in memory, of which {} MB are allowed (--memory), "
+                                 "and is not in space-filling order; {}",
+                                 (bytes >> 20) + 1, memory >> 20, surfel::range_advice(s.input))
+                   : "is not in space-filling order, as --resume needs it; " +
+                         surfel::range_advice(s.input));
 }
+
+/// Where surfels go of which nothing but the groups' figures are wanted.
+class NoSurfels final : public surfel::SurfelSink {
+ public:
+  void begin(const surfel::SurfelCloud& /*like*/, std::size_t /*count*/) override {}
+  void put(surfel::SurfelCloud /*surfels*/, std::size_t /*at*/) override {}
+};
 
 /// Groups surfels that stay in their file, block by block.
 void group_file(surfel::tool::Tool& tool, const Settings& s, const surfel::CloudRanges& ranges,
@@ -323,21 +346,21 @@ void group_file(surfel::tool::Tool& tool, const Settings& s, const surfel::Cloud
     print_table(ranges.size(), s, tool.report(), [&](surfel::GroupingOptions options) {
       options.overlap.max_memory = grouping.overlap.max_memory;
       surfel::GroupingReport r;
-      if (!surfel::group_by_blocks(
-              ranges, options, [](std::size_t, const surfel::SurfelCloud&) {}, &r, s.input)) {
+      NoSurfels none;
+      if (!surfel::group_by_blocks(ranges, options, none, &r, s.input)) {
         refuse_disorder(s, bytes, memory);
       }
       return r;
     });
   }
   if (s.output.empty()) return;
-  surfel::tool::PieceWriter writer(tool, s.output,
-                                   surfel::tool::survey_of(ranges, s.output, surfel::kGroupBlock));
+  surfel::tool::BlockWriter writer(
+      tool, s.output,
+      {.job = surfel::tool::job(tool, s.resume, {s.input}, s.output),
+       .survey = surfel::tool::survey_of(ranges, s.output, surfel::kGroupBlock)});
   surfel::GroupingReport r;
-  const auto write = [&](std::size_t, surfel::SurfelCloud block) {
-    writer.append(std::move(block));
-  };
-  if (!surfel::group_by_blocks(ranges, grouping, write, &r, s.input)) {
+  if (!surfel::group_by_blocks(ranges, grouping, writer, &r, s.input,
+                               {.checkpoints = writer.checkpoints()})) {
     refuse_disorder(s, bytes, memory);
   }
   report(tool.report(), r);
@@ -345,9 +368,6 @@ void group_file(surfel::tool::Tool& tool, const Settings& s, const surfel::Cloud
   writer.commit();
   tool.wrote(s.output, grouped_surfels(ranges.size(), r));
 }
-
-/// Are many splats divided block by block?
-bool can_divide(const Settings& s) { return s.grouping.groups == 0 && !s.cover; }
 
 /// Bytes that splats take while all of them are divided at once ...
 std::uint64_t at_once(std::size_t surfels, const surfel::SurfelCloud& first, const Settings& s) {
@@ -364,19 +384,21 @@ std::uint64_t by_blocks(std::size_t surfels, const surfel::SurfelCloud& first) {
   return std::uint64_t{surfels} * (row + kOrder) + surfel::group_block_bytes(surfels, row);
 }
 
-/// Groups a file that is larger than the memory, if that can be done. False if the file fits; unset
-/// if that is not known of a file that has to.
+/// Groups a file that is larger than the memory, or whose blocks are kept for a later run, if that
+/// can be done. False if the file fits; unset if that is not known of a file that has to.
 std::optional<bool> group_larger(surfel::tool::Tool& tool, const Settings& s,
                                  std::uint64_t memory) {
-  if (!surfel::tool::may_not_fit(s.input, memory)) return false;
-  const auto ranges = surfel::CloudRanges::open(s.input);
+  surfel::tool::check_resume(s.resume, s.output);
+  if (!s.resume && !surfel::tool::may_not_fit(s.input, memory)) return false;
+  const auto ranges = s.input == "-" ? nullptr : surfel::CloudRanges::open(s.input);
+  if (!ranges && s.resume) surfel::tool::refuse_resume(s.input);
   if (!ranges) return std::nullopt;
   if (ranges->size() == 0) return false;
   const surfel::SurfelCloud first = ranges->read(0, 1);
   const bool blocks = ranges->size() > surfel::kMostGroupedAtOnce && can_divide(s);
   const std::uint64_t bytes =
       blocks ? by_blocks(ranges->size(), first) : at_once(ranges->size(), first, s);
-  if (bytes <= memory) return false;
+  if (bytes <= memory && !(s.resume && blocks)) return false;
   const auto refuse = [&](const std::string& reason) {
     surfel::throw_input(s.input, fmt::format("takes {} MB in memory, of which {} MB are allowed "
                                              "(--memory); {}",

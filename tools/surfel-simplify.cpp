@@ -23,6 +23,7 @@
 
 #include "tools/support/gaussians.h"
 #include "tools/support/options.h"
+#include "tools/support/resume.h"
 #include "tools/support/surfels.h"
 #include "tools/support/tool.h"
 
@@ -34,6 +35,7 @@ struct Settings {
   std::optional<double> factor;
   surfel::SimplifyOptions simplify;
   std::optional<std::uint64_t> memory;  ///< Bytes; unset: three quarters of what is free.
+  bool resume = false;                  ///< Keep what an interrupted run has made.
 };
 
 void declare_options(CLI::App& app, Settings& s) {
@@ -77,6 +79,7 @@ void declare_options(CLI::App& app, Settings& s) {
   surfel::tool::add_memory(app, s.memory,
                            "Memory for surfels; a binary PLY file in space-filling order "
                            "(surfel-convert --sort curve) may be larger");
+  surfel::tool::add_resume(app, s.resume);
 }
 
 void report(nlohmann::json& json, const surfel::SimplifyReport& r) {
@@ -140,7 +143,7 @@ void simplify_gaussians(surfel::tool::Tool& tool, Settings& s) {
   surfel::tool::require_valid(
       surfel::tool::without_effect(tool.app(),
                                    {"--max-error", "--unit-deviation", "--light", "--normal-angle",
-                                    "--sheet-weight", "--cutoff", "--seed", "--memory"},
+                                    "--sheet-weight", "--cutoff", "--seed", "--memory", "--resume"},
                                    "on Gaussians in space"));
   if (!s.factor && !s.simplify.count) {
     surfel::throw_usage("give --count or --factor: how many Gaussians are to be left");
@@ -197,26 +200,48 @@ void simplify_in_memory(surfel::tool::Tool& tool, Settings& s) {
   tool.wrote(s.output, simplified_surfels(done));
 }
 
+/// Spools the results of blocks.
+class SpooledSurfels final : public surfel::SurfelSink {
+ public:
+  SpooledSurfels(const surfel::tool::Tool& tool, const Settings& s)
+      : tool_(tool),
+        writer_(s.output, {.no_clobber = tool.common().no_clobber,
+                           .job = surfel::tool::job(tool, s.resume, {s.input}, s.output)}) {}
+
+  void begin(const surfel::SurfelCloud& like, std::size_t /*count*/) override {
+    surfel::SurfelCloud described = like;
+    described.provenance.push_back(tool_.provenance());
+    writer_.begin(described);
+  }
+  void put(surfel::SurfelCloud surfels, std::size_t /*at*/) override { writer_.append(surfels); }
+  surfel::SpooledWriter& writer() { return writer_; }
+
+ private:
+  const surfel::tool::Tool& tool_;
+  surfel::SpooledWriter writer_;
+};
+
 /// Simplifies surfels that stay in their file, block by block.
 void simplify_file(surfel::tool::Tool& tool, Settings& s, const surfel::CloudRanges& ranges,
                    std::uint64_t bytes, std::uint64_t memory) {
   surfel::tool::tell_finest(tool, s.input, ranges.read(0, 1), ranges.size());
   if (s.factor) s.simplify.count = count_of(s, ranges.size());
-  surfel::SpooledWriter writer(s.output, tool.common().no_clobber);
+  SpooledSurfels spool(tool, s);
   surfel::SimplifyReport done;
-  const auto write = [&](surfel::SurfelCloud block) {
-    block.provenance.push_back(tool.provenance());
-    writer.append(block);
-  };
-  if (!surfel::simplify_by_blocks(ranges, s.simplify, write, &done, s.input)) {
+  if (!surfel::simplify_by_blocks(ranges, s.simplify, spool, &done, s.input,
+                                  {.checkpoints = s.resume ? &spool.writer() : nullptr})) {
     surfel::throw_input(
-        s.input, fmt::format("takes {} MB in memory, of which {} MB are allowed (--memory), and is "
-                             "not in space-filling order; {}",
-                             (bytes >> 20) + 1, memory >> 20, surfel::range_advice(s.input)));
+        s.input, bytes > memory
+                     ? fmt::format("takes {} MB in memory, of which {} MB are allowed (--memory), "
+                                   "and is not in space-filling order; {}",
+                                   (bytes >> 20) + 1, memory >> 20, surfel::range_advice(s.input))
+                     : "is not in space-filling order, as --resume needs it; " +
+                           surfel::range_advice(s.input));
   }
+  surfel::tool::tell_resumed(tool, s.output, spool.writer().kept(), spool.writer().surfels());
   report(tool.report(), done);
   tell(tool, s.input, s, done);
-  writer.commit();
+  spool.writer().commit();
   tool.wrote(s.output, simplified_surfels(done));
 }
 
@@ -231,18 +256,20 @@ std::uint64_t by_blocks(std::size_t surfels, const surfel::SurfelCloud& first) {
   return surfels * (2 * row + kOrder) + surfel::simplify_block_bytes(row);
 }
 
-/// Simplifies a file that is larger than the memory, if that can be done. False if the file fits;
-/// unset if that is not known of a file that has to.
+/// Simplifies a file that is larger than the memory, or whose blocks are kept for a later run, if
+/// that can be done. False if the file fits; unset if that is not known of a file that has to.
 std::optional<bool> simplify_larger(surfel::tool::Tool& tool, Settings& s, std::uint64_t memory) {
-  if (!surfel::tool::may_not_fit(s.input, memory)) return false;
-  const auto ranges = surfel::CloudRanges::open(s.input);
+  surfel::tool::check_resume(s.resume, s.output);
+  if (!s.resume && !surfel::tool::may_not_fit(s.input, memory)) return false;
+  const auto ranges = s.input == "-" ? nullptr : surfel::CloudRanges::open(s.input);
+  if (!ranges && s.resume) surfel::tool::refuse_resume(s.input);
   if (!ranges) return std::nullopt;
   if (ranges->size() == 0) return false;
   const surfel::SurfelCloud first = ranges->read(0, 1);
   const bool blocks = ranges->size() > surfel::kMostAtOnce;
   const std::uint64_t bytes =
       blocks ? by_blocks(ranges->size(), first) : at_once(ranges->size(), first);
-  if (bytes <= memory) return false;
+  if (bytes <= memory && !(s.resume && blocks)) return false;
   const std::uint64_t least =
       blocks ? surfel::simplify_block_bytes(surfel::row_bytes(first)) : bytes;
   if (least > memory) {

@@ -201,6 +201,7 @@ TEST_F(Faults, WorkThatIsKilledAtAnyMomentIsTakenUpAndHasTheSameBytes) {
   ASSERT_EQ(run_here("surfel-generate terrain --count 40000 --no-uv -o points.ply").exit_code, 0);
   for (const std::string command : {"surfel-convert points.ply --sort curve --memory 600000",
                                     "surfel-estimate points.ply --orient up --memory 2M",
+                                    "surfel-texture points.ply --solid checker --memory 2M",
                                     "surfel-lod points.ply --reduction 9 --memory 64M"}) {
     ASSERT_EQ(run_here(command + " -o right.ply").exit_code, 0) << command;
     const std::string right = read_text(folder_ / "right.ply");
@@ -333,6 +334,59 @@ TEST_F(StoreFaults, SignalsWhileAStoreIsMadeLeaveNone) {
       EXPECT_FALSE(fs::exists(folder_ / "city")) << tenth << result.errors;
     }
     fs::remove_all(folder_ / "city");
+  }
+}
+
+TEST_F(Faults, WorkInBlocksAlongTheCurveIsTakenUp) {
+  // So many surfels that they are worked on in blocks.
+  ASSERT_EQ(run_here("surfel-generate terrain --count 264000 --no-uv -o surfels.ply").exit_code, 0);
+  struct Work {
+    std::string command;
+    std::vector<std::pair<Fault, int>> kills;  ///< Of each run, before which of its calls.
+  };
+  for (const Work& work :
+       {Work{"surfel-group surfels.ply", {{{"pwrite", -2}, 30}, {{"write", -2}, 2}}},
+        Work{"surfel-simplify surfels.ply --count 2000", {{{"write", -2}, 4}, {{"write", -2}, 9}}},
+        Work{"surfel-texture surfels.ply --from colors --fit render --cutoff 0.2",
+             {{{"pwrite", -2}, 30}}}}) {
+    const std::string& command = work.command;
+    ASSERT_EQ(run_here(command + " -o right.ply").exit_code, 0) << command;
+    for (const auto& [kill, number] : work.kills) {
+      const RunResult killed =
+          run_here(command + " --resume -o out.ply", fault(kill, number, seen_ / "seen"));
+      EXPECT_NE(killed.exit_code, 0) << command;
+      EXPECT_TRUE(fs::exists(folder_ / "out.ply.unfinished-parts")) << command;
+      EXPECT_FALSE(fs::exists(folder_ / "out.ply")) << command;
+    }
+    const RunResult result = run_here(command + " --resume -o out.ply");
+    EXPECT_EQ(result.exit_code, 0) << command << result.errors;
+    EXPECT_TRUE(contains(result.errors, "going on where an earlier run stopped")) << command;
+    EXPECT_TRUE(read_text(folder_ / "out.ply") == read_text(folder_ / "right.ply")) << command;
+    for (const char* rest : {"", "-parts", "-scratch"}) {
+      EXPECT_FALSE(fs::exists(folder_ / "out.ply.unfinished" + rest)) << command;
+    }
+    fs::remove(folder_ / "out.ply");
+    fs::remove(folder_ / "right.ply");
+  }
+}
+
+TEST_F(Faults, WorkThatCannotBeTakenUpIsRefused) {
+  ASSERT_EQ(run_here("surfel-generate terrain --count 300 --no-uv -o points.ply").exit_code, 0);
+  for (const std::string command :
+       {"surfel-convert points.ply --sort curve", "surfel-estimate points.ply --orient up",
+        "surfel-texture points.ply --solid checker", "surfel-group points.ply",
+        "surfel-simplify points.ply --count 9", "surfel-lod points.ply"}) {
+    const RunResult piped = run_here(command + " --resume -o -");
+    EXPECT_EQ(piped.exit_code, 2) << command;
+    EXPECT_TRUE(contains(piped.errors, "name a file")) << command << piped.errors;
+  }
+  for (const std::string command :
+       {"surfel-texture points.ply --from colors --fit render --robust auto",
+        "surfel-texture points.ply --from colors --fit gram --bounds 0,1",
+        "surfel-group points.ply --groups 3", "surfel-group points.ply --cover enlarge"}) {
+    const RunResult result = run_here(command + " --resume -o out.ply");
+    EXPECT_EQ(result.exit_code, 2) << command;
+    EXPECT_TRUE(contains(result.errors, "leave out --resume")) << command << result.errors;
   }
 }
 

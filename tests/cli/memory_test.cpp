@@ -112,6 +112,12 @@ TEST_F(Memory, TexturesAreTheSameByBlocks) {
   texture(files_.shuffled, {"--solid", "marble:9"});
 }
 
+TEST_F(Memory, SystemsAreTheSameByBlocks) {
+  expect_same({tool("surfel-texture"), files_.many, "--solid", "checker:20", "--fit", "render",
+               "--points", "1", "--cutoff", "0.3", "-o", out_},
+              {"360M"});
+}
+
 TEST_F(Memory, TexturesRefuseSystemsThatDoNotFit) {
   const Words command{tool("surfel-texture"), files_.sampled, "--image", files_.image, "-o", out_};
   Words render = command;
@@ -154,7 +160,7 @@ TEST_F(Memory, SimplifyRefusesWhatDoesNotFit) {
   refused(files_.sorted, "2M", "are allowed (--memory): give as much");
   refused(files_.text, "2M", "surfel-convert --sort curve");
   expect_refused({tool("surfel-simplify"), files_.many, "--factor", "3", "-o", folder_ / "o.pcd"},
-                 "100M", "surfels that do not fit into memory are written as PLY", 2);
+                 "100M", "surfels that are made block by block are written as PLY", 2);
 }
 
 TEST_F(Memory, WhatFailsLeavesNothingBehind) {

@@ -9,6 +9,8 @@
 #include <surfel/scene/surfel_ranges.h>
 #include <surfel/simplify/simplify_blocks.h>
 
+#include "support/interrupted.h"
+
 namespace surfel {
 namespace {
 
@@ -38,11 +40,27 @@ struct Simplified {
   }
 };
 
+class SimplifiedSink final : public SurfelSink {
+ public:
+  explicit SimplifiedSink(Simplified& to) : to_(to) {}
+  void begin(const SurfelCloud& like, std::size_t /*count*/) override {
+    EXPECT_EQ(like.size(), 1U);
+    to_.blocks.clear();
+  }
+  void put(SurfelCloud surfels, std::size_t at) override {
+    EXPECT_EQ(at, to_.size());
+    to_.blocks.push_back(std::move(surfels));
+  }
+
+ private:
+  Simplified& to_;
+};
+
 Simplified by_blocks(const SurfelCloud& cloud, const SimplifyOptions& options, std::size_t most) {
   Simplified out;
-  EXPECT_TRUE(simplify_by_blocks(OrderedCloud(cloud), options,
-                                 [&](SurfelCloud block) { out.blocks.push_back(std::move(block)); },
-                                 &out.report, "square", {.most = most}));
+  SimplifiedSink sink(out);
+  EXPECT_TRUE(simplify_by_blocks(OrderedCloud(cloud), options, sink, &out.report, "square",
+                                 {.most = most}));
   return out;
 }
 
@@ -104,6 +122,33 @@ TEST(SimplifyBlocks, RefusesWhatHasNoSurface) {
   cloud.variance.clear();
   EXPECT_THROW(by_blocks(cloud, {.count = 9}, 100), Error);
   EXPECT_THROW(by_blocks(square(20), {}, 100), Error);
+}
+
+TEST(SimplifyBlocks, GoOnWhereTheyWereInterrupted) {
+  const SurfelCloud cloud = square(40);
+  for (const SimplifyOptions& options : {SimplifyOptions{.count = 300}, {.max_error = 0.05}}) {
+    const Simplified whole = by_blocks(cloud, options, 300);
+    test::InterruptedWork work;
+    SimplifyReport report;
+    const int runs = work.complete([&] {
+      simplify_by_blocks(OrderedCloud(cloud), options, work, &report, "square",
+                         {.most = 300, .checkpoints = &work});
+    });
+    EXPECT_EQ(runs, 2 * static_cast<int>(whole.blocks.size()) + 1);
+    ASSERT_EQ(work.blocks().size(), whole.blocks.size());
+    std::size_t b = 0;
+    std::size_t surfels = 0;
+    for (const auto& [at, block] : work.blocks()) {
+      EXPECT_EQ(at, surfels);
+      EXPECT_TRUE(block.position == whole.blocks[b].position);
+      EXPECT_TRUE(block.coefficient == whole.blocks[b++].coefficient);
+      surfels += block.size();
+    }
+    EXPECT_EQ(report.result, whole.report.result);
+    EXPECT_EQ(report.error.total(), whole.report.error.total());
+    EXPECT_EQ(report.left_out, whole.report.left_out);
+    EXPECT_EQ(report.rounds, whole.report.rounds);
+  }
 }
 
 }  // namespace

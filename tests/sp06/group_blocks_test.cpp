@@ -8,22 +8,35 @@
 #include <surfel/sp06/group_blocks.h>
 
 #include "sp06/clouds.h"
+#include "support/interrupted.h"
 
 namespace surfel {
 namespace {
+
+class GroupSink final : public SurfelSink {
+ public:
+  explicit GroupSink(std::vector<std::uint16_t>& to) : to_(to) {}
+  void begin(const SurfelCloud& like, std::size_t /*count*/) override {
+    EXPECT_EQ(like.group.size(), 1U);
+    EXPECT_TRUE(like.group_radius.empty());
+    to_.clear();
+  }
+  void put(SurfelCloud surfels, std::size_t at) override {
+    EXPECT_EQ(at, to_.size());
+    EXPECT_TRUE(surfels.group_radius.empty());
+    to_.insert(to_.end(), surfels.group.begin(), surfels.group.end());
+  }
+
+ private:
+  std::vector<std::uint16_t>& to_;
+};
 
 /// Groups by number in the order of the cloud; empty if the cloud is in no order.
 std::vector<std::uint16_t> groups_of(const SurfelRanges& cloud, const GroupingOptions& options,
                                      std::size_t most, GroupingReport* report = nullptr) {
   std::vector<std::uint16_t> out;
-  group_by_blocks(
-      cloud, options,
-      [&](std::size_t begin, const SurfelCloud& block) {
-        EXPECT_EQ(begin, out.size());
-        EXPECT_TRUE(block.group_radius.empty());
-        out.insert(out.end(), block.group.begin(), block.group.end());
-      },
-      report, "cloud", most);
+  GroupSink sink(out);
+  group_by_blocks(cloud, options, sink, report, "cloud", {.most = most});
   return out;
 }
 
@@ -95,6 +108,28 @@ TEST(GroupBlocks, RefusesWhatHasNoGroups) {
   EXPECT_THROW(groups_of(OrderedCloud(cloud), {}, 10), Error);
   cloud.variance = {};
   EXPECT_THROW(groups_of(OrderedCloud(cloud), {}, 10), Error);
+}
+
+TEST(GroupBlocks, GoOnWhereTheyWereInterrupted) {
+  const SurfelCloud cloud = uneven_cloud();
+  const OrderedCloud ranges(cloud);
+  GroupingReport whole;
+  const auto group = groups_of(ranges, {}, 300, &whole);
+  test::InterruptedWork work;
+  GroupingReport report;
+  const int runs = work.complete([&] {
+    group_by_blocks(ranges, {}, work, &report, "cloud", {.most = 300, .checkpoints = &work});
+  });
+  EXPECT_EQ(runs, static_cast<int>(work.blocks().size()) + 1);
+  EXPECT_GT(runs, 12);
+  for (const auto& [at, block] : work.blocks()) {
+    EXPECT_TRUE(std::equal(block.group.begin(), block.group.end(),
+                           group.begin() + static_cast<std::ptrdiff_t>(at)));
+  }
+  EXPECT_EQ(report.sizes, whole.sizes);
+  EXPECT_EQ(report.edges, whole.edges);
+  EXPECT_EQ(report.max_degree, whole.max_degree);
+  EXPECT_EQ(report.unusable, whole.unusable);
 }
 
 }  // namespace

@@ -3,6 +3,8 @@
 #include <fmt/format.h>
 #include <surfel/base/error.h>
 #include <surfel/base/resume_journal.h>
+#include <surfel/io/cloud_io.h>
+#include <surfel/io/cloud_ranges.h>
 #include <surfel/ranks/ranks.h>
 
 namespace surfel::tool {
@@ -14,7 +16,22 @@ void add_resume(CLI::App& app, bool& value) {
       "on with it: the same command again ends with the same bytes");
 }
 
-std::string job(const Tool& tool, bool resume, const std::vector<std::string>& inputs) {
+void check_resume(bool resume, const std::string& output) {
+  if (resume && output == "-") {
+    throw_usage("--resume keeps what it has made beside the result; name a file");
+  }
+}
+
+void refuse_resume(const std::string& input) {
+  if (input == "-") throw_usage("--resume reads its input again; name a file");
+  CloudReader(input, {}).first();  // Says why no file is read.
+  throw_input(input,
+              "--resume keeps blocks of files that are read in parts; " + range_advice(input));
+}
+
+std::string job(const Tool& tool, bool resume, const std::vector<std::string>& inputs,
+                const std::string& output) {
+  check_resume(resume, output);
   if (!resume) return {};
   if (started_rank().count > 1) {
     throw_usage("--resume is for one process; leave it out, or start the tool without mpirun");

@@ -202,21 +202,6 @@ CloudSurvey survey_of(const SurfelRanges& ranges, const std::string& output, std
   return survey;
 }
 
-PieceWriter::PieceWriter(const Tool& tool, std::string path, const CloudSurvey& survey)
-    : tool_(tool),
-      path_(std::move(path)),
-      survey_(survey),
-      writer_(path_, static_cast<std::size_t>(survey.count),
-              CloudWriteOptions{.no_clobber = tool.common().no_clobber}) {}
-
-void PieceWriter::append(SurfelCloud piece) {
-  survey_.settle(piece);
-  piece.provenance.push_back(tool_.provenance());
-  if (!begun_) tell_lost_columns(tool_, piece, path_);
-  begun_ = true;
-  writer_.append(piece);
-}
-
 void write_picture(const Tool& tool, const Image& image, const std::string& path) {
   ImageWriteOptions options;
   options.no_clobber = tool.common().no_clobber;

@@ -86,23 +86,6 @@ void require_piecewise_format(const std::string& output, const std::string& inpu
 /// The survey of surfels that keep their places. \param piece  surfels that are read at a time
 CloudSurvey survey_of(const SurfelRanges& ranges, const std::string& output, std::size_t piece);
 
-/// Writes surfels that a tool makes piece by piece, as write_result() writes them at once.
-class PieceWriter {
- public:
-  /// \param survey  of all pieces
-  PieceWriter(const Tool& tool, std::string path, const CloudSurvey& survey);
-  void append(SurfelCloud piece);
-  /// Completes the file.
-  void commit() { writer_.commit(); }
-
- private:
-  const Tool& tool_;
-  std::string path_;
-  CloudSurvey survey_;
-  CloudWriter writer_;
-  bool begun_ = false;
-};
-
 /// Writes a picture that a tool made, and tells its size.
 void write_picture(const Tool& tool, const Image& image, const std::string& path);
 

@@ -3,9 +3,11 @@
 #include <vector>
 
 #include <surfel/surface/coverage_threshold.h>
+#include <surfel/texture/fit_blocks.h>
 
 #include "tools/support/color.h"
 #include "tools/support/options.h"
+#include "tools/support/resume.h"
 #include "tools/support/tool.h"
 
 namespace surfel::texture_tool {
@@ -163,8 +165,10 @@ void declare_options(CLI::App& app, Settings& s) {
   tool::add_normal_maps(app, s.normals);
   declare_systems(app, s);
   tool::add_memory(app, s.memory,
-                   "Memory for surfels; a binary PLY file may be larger with --fit ewa, and is "
-                   "textured block by block");
+                   "Memory for surfels; a binary PLY file may be larger, and is textured block by "
+                   "block; with --fit gram and render it has to be in space-filling order "
+                   "(surfel-convert --sort curve)");
+  tool::add_resume(app, s.resume);
 }
 
 void refuse_fits(const CLI::App& app) {
@@ -205,6 +209,11 @@ void settle(const CLI::App& app, Settings& s) {
           "one");
     }
     refuse_fits(app);
+  }
+  if (s.resume) {
+    for (const std::string& problem : fit_block_problems(s.fit)) {
+      problems.push_back(problem + ", and cannot be taken up: leave out --resume");
+    }
   }
   tool::append(problems, s.normals.maps.problems());
   tool::require_valid(problems);

@@ -28,6 +28,7 @@ struct Settings {
   tool::NormalMapSettings normals;
   std::optional<std::uint64_t> memory;  ///< Bytes; unset: three quarters of what is free.
   bool no_charts = false;
+  bool resume = false;  ///< Keep what an interrupted run has made.
   From from = From::kTexture;
   std::optional<Eigen::Vector2d> bounds;
 };

@@ -10,6 +10,7 @@
 #include <surfel/base/peers.h>
 #include <surfel/estimate/estimate.h>
 #include <surfel/scene/surfel_ranges.h>
+#include <surfel/scene/surfel_sink.h>
 
 namespace surfel {
 
@@ -25,21 +26,6 @@ struct BlockOptions {
   /// Processes among which the blocks are shared, which all call estimate_by_blocks() with the same
   /// arguments; null: this one alone. The sink of each gets the surfels of its blocks.
   Peers* peers = nullptr;
-};
-
-/// Where surfels go that are made block by block.
-class SurfelSink {
- public:
-  SurfelSink() = default;
-  virtual ~SurfelSink() = default;
-  SurfelSink(const SurfelSink&) = delete;
-  SurfelSink& operator=(const SurfelSink&) = delete;
-
-  /// Announces how many surfels will come, and the columns that they will have. What came after an
-  /// earlier call is void.
-  virtual void begin(const SurfelCloud& like, std::size_t count) = 0;
-  /// Takes the next surfels, which are the result's from `at` on.
-  virtual void put(SurfelCloud surfels, std::size_t at) = 0;
 };
 
 /// Why surfels cannot be estimated block by block with these options: one sentence each, empty if

@@ -19,7 +19,6 @@
 #include <surfel/base/progress.h>
 #include <surfel/base/stage_timer.h>
 #include <surfel/lod/cluster_levels.h>
-#include <surfel/lod/curve_blocks.h>
 #include <surfel/lod/hierarchy.h>
 #include <surfel/lod/level_columns.h>
 #include <surfel/lod/level_plan.h>
@@ -28,6 +27,7 @@
 #include <surfel/scene/amplitude.h>
 #include <surfel/scene/cloud_rows.h>
 #include <surfel/scene/cluster_tree.h>
+#include <surfel/scene/curve_blocks.h>
 #include <surfel/scene/surfel_variance.h>
 
 namespace surfel {

@@ -6,8 +6,8 @@
 #include <vector>
 
 #include <surfel/base/export.h>
-#include <surfel/lod/curve_blocks.h>
 #include <surfel/scene/cluster_tree.h>
+#include <surfel/scene/curve_blocks.h>
 
 namespace surfel {
 

@@ -374,6 +374,29 @@ SimplifiedCloud Simplifier::attempt(SheetClusters clusters) {
   return made;
 }
 
+/// Gathers blocks in memory.
+class SimplifiedBlocks final : public SurfelSink {
+ public:
+  void begin(const SurfelCloud& /*like*/, std::size_t /*count*/) override { blocks_.clear(); }
+  void put(SurfelCloud surfels, std::size_t /*at*/) override {
+    blocks_.push_back(std::move(surfels));
+  }
+  SurfelCloud join() const {
+    std::size_t surfels = 0;
+    for (const SurfelCloud& block : blocks_) surfels += block.size();
+    SurfelCloud out = cloud_of_rows(blocks_.front(), surfels);
+    std::size_t at = 0;
+    for (const SurfelCloud& block : blocks_) {
+      copy_rows(block, 0, block.size(), out, at);
+      at += block.size();
+    }
+    return out;
+  }
+
+ private:
+  std::vector<SurfelCloud> blocks_;
+};
+
 }  // namespace
 
 double SimplifyError::total() const {
@@ -437,19 +460,9 @@ SurfelCloud simplify_surfels(const SurfelCloud& cloud, const SimplifyOptions& op
   SimplifyReport& r = report ? *report : own;
   r = {};
   if (cloud.size() <= kMostAtOnce) return Simplifier(cloud, options, r, name).run(name);
-  std::vector<SurfelCloud> blocks;
-  simplify_by_blocks(
-      OrderedCloud(cloud), options, [&](SurfelCloud block) { blocks.push_back(std::move(block)); },
-      &r, name);
-  std::size_t surfels = 0;
-  for (const SurfelCloud& block : blocks) surfels += block.size();
-  SurfelCloud out = cloud_of_rows(blocks.front(), surfels);
-  std::size_t at = 0;
-  for (const SurfelCloud& block : blocks) {
-    copy_rows(block, 0, block.size(), out, at);
-    at += block.size();
-  }
-  return out;
+  SimplifiedBlocks blocks;
+  simplify_by_blocks(OrderedCloud(cloud), options, blocks, &r, name);
+  return blocks.join();
 }
 
 }  // namespace surfel

@@ -1,7 +1,10 @@
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <limits>
 #include <numeric>
+#include <optional>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
@@ -9,9 +12,9 @@
 #include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
 #include <surfel/base/progress.h>
-#include <surfel/lod/curve_blocks.h>
 #include <surfel/lod/surfel_merge.h>
 #include <surfel/scene/clips.h>
+#include <surfel/scene/curve_blocks.h>
 #include <surfel/scene/usable_surfels.h>
 #include <surfel/simplify/shown_surface.h>
 #include <surfel/simplify/simplify_block.h>
@@ -30,27 +33,84 @@ struct Stretch {
   BlockDetail detail;
 };
 
+/// What a later run has to know of a block: what it needs ...
+struct KeptDetail {
+  std::uint64_t surfels;
+  double area;
+  // `samples` and `error2` follow.
+};
+/// ... and what has been made of it.
+struct KeptBlock {
+  std::uint64_t merged, result, mirrored, no_normal, uncovered;
+  std::int64_t rounds;
+  SimplifyError error;
+};
+static_assert(std::is_trivially_copyable_v<SimplifyError>);
+
+std::string state_of(const BlockDetail& detail) {
+  const KeptDetail head{detail.surfels, detail.area};
+  std::string out(reinterpret_cast<const char*>(&head), sizeof(head));
+  for (const std::vector<double>* values : {&detail.samples, &detail.error2}) {
+    out.append(reinterpret_cast<const char*>(values->data()), values->size() * sizeof(double));
+  }
+  return out;
+}
+
+/// None where the state is of something else.
+std::optional<BlockDetail> detail_of(const std::string& state) {
+  const std::size_t prices = compared_prices().size();
+  KeptDetail head;
+  if (state.size() != sizeof(head) + 2 * prices * sizeof(double)) return std::nullopt;
+  std::memcpy(&head, state.data(), sizeof(head));
+  BlockDetail detail{head.surfels, head.area, std::vector<double>(prices),
+                     std::vector<double>(prices)};
+  const char* const values = state.data() + sizeof(head);
+  std::memcpy(detail.samples.data(), values, prices * sizeof(double));
+  std::memcpy(detail.error2.data(), values + prices * sizeof(double), prices * sizeof(double));
+  return detail;
+}
+
 class BlockSimplifier {
  public:
   BlockSimplifier(const SurfelRanges& cloud, const SimplifyOptions& options, SimplifyReport& report,
-                  const std::string& name)
-      : cloud_(cloud), options_(options), report_(report), name_(name) {}
+                  const std::string& name, Checkpoints* checkpoints)
+      : cloud_(cloud), options_(options), report_(report), name_(name), checkpoints_(checkpoints) {}
 
-  void run(const std::vector<CurveBlock>& blocks, FunctionRef<void(SurfelCloud)> visit) {
+  void run(const std::vector<CurveBlock>& blocks, SurfelSink& sink) {
     measure(blocks);
     if (stretches_.empty()) throw_input(name_, "holds no surfel that can be drawn");
     if (!(whole_.total_area > 0)) throw_input(name_, "the surfels have no area");
     ProgressStage stage("comparing blocks", stretches_.size(), "blocks");
     for (Stretch& stretch : stretches_) {
-      const SurfelCloud block = cloud_.read(stretch.begin, stretch.end);
-      stretch.detail = block_detail(block, options_, whole_, name_);
+      compare(stretch);
       report_.surfels += stretch.detail.surfels;
       stage.add(1);
     }
-    simplify(visit);
+    simplify(sink);
   }
 
  private:
+  /// Parts from here on are what blocks need, by their first surfels.
+  static constexpr std::uint64_t kDetail = std::uint64_t{1} << 63;
+
+  std::optional<std::string> kept(std::uint64_t part) {
+    return checkpoints_ ? checkpoints_->finished(part) : std::nullopt;
+  }
+
+  void compare(Stretch& stretch) {
+    if (const std::optional<std::string> state = kept(kDetail + stretch.begin)) {
+      if (std::optional<BlockDetail> detail = detail_of(*state)) {
+        stretch.detail = std::move(*detail);
+        return;
+      }
+    }
+    const SurfelCloud block = cloud_.read(stretch.begin, stretch.end);
+    stretch.detail = block_detail(block, options_, whole_, name_);
+    if (checkpoints_) {
+      checkpoints_->finish(kDetail + stretch.begin, {}, state_of(stretch.detail));
+    }
+  }
+
   /// Sums up what holds for the whole cloud.
   void measure(const std::vector<CurveBlock>& blocks) {
     ProgressStage stage("measuring surfels", cloud_.size(), "surfels");
@@ -80,7 +140,7 @@ class BlockSimplifier {
     report_.unit_deviation = *options_.unit_deviation;
   }
 
-  void simplify(FunctionRef<void(SurfelCloud)> visit) {
+  void simplify(SurfelSink& sink) {
     const std::vector<std::size_t> counts =
         options_.count ? shared_count() : std::vector<std::size_t>();
     const std::vector<double> errors = options_.count ? std::vector<double>() : shared_error();
@@ -88,28 +148,51 @@ class BlockSimplifier {
     double color = 0;
     double shading = 0;
     double shape = 0;
+    std::size_t at = 0;
     for (std::size_t b = 0; b < stretches_.size(); ++b) {
       const Stretch& stretch = stretches_[b];
       SimplifyOptions options = options_;
       options.progress = {};
       if (options.count) options.count = counts[b];
       if (options.max_error) options.max_error = errors[b];
-      SimplifyReport r;
-      SurfelCloud out =
-          simplify_block(cloud_.read(stretch.begin, stretch.end), options, whole_, r, name_);
-      out.double_positions = out.double_positions || !out.origin.isZero(0);
-      visit(std::move(out));
+      SurfelCloud out;
+      KeptBlock r{};
+      const auto make = [&] {
+        SimplifyReport made;
+        out = simplify_block(cloud_.read(stretch.begin, stretch.end), options, whole_, made, name_);
+        out.double_positions = out.double_positions || !out.origin.isZero(0);
+        r = {made.merged,    made.result, made.mirrored, made.no_normal,
+             made.uncovered, made.rounds, made.error};
+        report_.left_out = made.left_out;
+        for (const auto& [name, milliseconds] : made.times.stages()) {
+          report_.times.add(name, milliseconds);
+        }
+      };
+      // The first block tells the columns of all.
+      if (b == 0) {
+        make();
+        sink.begin(out.gathered({0}), 0);
+      }
+      const std::optional<std::string> state = kept(stretch.begin);
+      if (state && state->size() == sizeof(r)) {
+        std::memcpy(&r, state->data(), sizeof(r));
+      } else {
+        if (b > 0) make();
+        const RowSpan rows{at, at + out.size()};
+        sink.put(std::move(out), at);
+        if (checkpoints_) {
+          checkpoints_->finish(stretch.begin, {&rows, 1},
+                               std::string(reinterpret_cast<const char*>(&r), sizeof(r)));
+        }
+      }
+      at += r.result + r.mirrored;
       report_.merged += r.merged;
       report_.result += r.result;
       report_.mirrored += r.mirrored;
       report_.no_normal += r.no_normal;
       report_.uncovered += r.uncovered;
-      report_.rounds += r.rounds;
-      report_.left_out = r.left_out;
+      report_.rounds += static_cast<int>(r.rounds);
       report_.error.max_distance = std::max(report_.error.max_distance, r.error.max_distance);
-      for (const auto& [name, milliseconds] : r.times.stages()) {
-        report_.times.add(name, milliseconds);
-      }
       const double area = stretch.detail.area / whole_.total_area;
       color += area * r.error.color * r.error.color;
       shading += area * r.error.shading * r.error.shading;
@@ -207,6 +290,7 @@ class BlockSimplifier {
   const std::string& name_;
   SimplifiedWhole whole_;
   std::vector<Stretch> stretches_;
+  Checkpoints* checkpoints_;
 };
 
 }  // namespace
@@ -221,9 +305,9 @@ std::uint64_t simplify_block_bytes(std::size_t row_bytes) {
   return simplify_bytes(SimplifyBlockOptions().most, row_bytes);
 }
 
-bool simplify_by_blocks(const SurfelRanges& cloud, const SimplifyOptions& options,
-                        FunctionRef<void(SurfelCloud simplified)> visit, SimplifyReport* report,
-                        const std::string& name, const SimplifyBlockOptions& blocks) {
+bool simplify_by_blocks(const SurfelRanges& cloud, const SimplifyOptions& options, SurfelSink& sink,
+                        SimplifyReport* report, const std::string& name,
+                        const SimplifyBlockOptions& blocks) {
   require_usable(options);
   SimplifyReport own;
   SimplifyReport& r = report ? *report : own;
@@ -231,7 +315,7 @@ bool simplify_by_blocks(const SurfelRanges& cloud, const SimplifyOptions& option
   require_simplifiable(cloud.read(0, std::min<std::size_t>(1, cloud.size())), name);
   const CurveBlocks cut = curve_blocks(cloud, blocks.most);
   if (!cut.in_order) return false;
-  BlockSimplifier(cloud, options, r, name).run(cut.blocks, visit);
+  BlockSimplifier(cloud, options, r, name, blocks.checkpoints).run(cut.blocks, sink);
   return true;
 }
 

@@ -4,9 +4,10 @@
 #include <cstdint>
 #include <string>
 
+#include <surfel/base/checkpoints.h>
 #include <surfel/base/export.h>
-#include <surfel/base/function_ref.h>
 #include <surfel/scene/surfel_ranges.h>
+#include <surfel/scene/surfel_sink.h>
 #include <surfel/simplify/simplify.h>
 
 namespace surfel {
@@ -22,6 +23,8 @@ SURFEL_API std::uint64_t simplify_block_bytes(std::size_t row_bytes);
 
 struct SimplifyBlockOptions {
   std::size_t most = std::size_t{1} << 16;  ///< Surfels of a block, >= 1.
+  /// Keeps what blocks need and the blocks that are finished; null: none.
+  Checkpoints* checkpoints = nullptr;
 };
 
 /// Simplifies surfels that need not be in memory, in the blocks of curve_blocks(): no surfel is
@@ -35,12 +38,13 @@ struct SimplifyBlockOptions {
 ///
 /// The result depends neither on the memory nor on threads. Mirror images follow the surfels of
 /// their block. Coordinates are double wherever the cloud's origin is not zero.
-/// \param visit  gets the result of each block, along the curve
-/// Returns false, before it visits anything, where the cloud is not in the order of morton_order().
-/// Throws as simplify_surfels() does.
+/// \param sink  gets the results of the blocks along the curve; how many surfels will come is not
+///              known when it begins, and 0 there
+/// Returns false, before anything comes to the sink, where the cloud is not in the order of
+/// morton_order(). Throws as simplify_surfels() does.
 SURFEL_API bool simplify_by_blocks(const SurfelRanges& cloud, const SimplifyOptions& options,
-                                   FunctionRef<void(SurfelCloud simplified)> visit,
-                                   SimplifyReport* report = nullptr, const std::string& name = {},
+                                   SurfelSink& sink, SimplifyReport* report = nullptr,
+                                   const std::string& name = {},
                                    const SimplifyBlockOptions& blocks = {});
 
 }  // namespace surfel

@@ -1,106 +1,20 @@
 #include <algorithm>
-#include <limits>
+#include <cstring>
+#include <optional>
 #include <vector>
 
 #include <fmt/format.h>
-#include <surfel/base/box_tree.h>
 #include <surfel/base/error.h>
 #include <surfel/base/option_check.h>
-#include <surfel/base/parallel.h>
 #include <surfel/base/progress.h>
 #include <surfel/base/stage_timer.h>
-#include <surfel/lod/curve_blocks.h>
-#include <surfel/scene/cloud_rows.h>
+#include <surfel/scene/curve_blocks.h>
+#include <surfel/scene/surfel_halo.h>
 #include <surfel/scene/surfel_variance.h>
 #include <surfel/sp06/group_blocks.h>
 
 namespace surfel {
 namespace {
-
-constexpr std::size_t kRunLength = 1024;
-constexpr std::size_t kHaloGrain = 64;
-/// Surfels that are read at once for the index.
-constexpr std::size_t kIndexPiece = 64 * kRunLength;
-
-/// Box around the centres of some consecutive splats, and how far they reach: shrunk or enlarged by
-/// the overlap that is allowed.
-struct SplatRun {
-  Vec3f low = Vec3f::Constant(std::numeric_limits<float>::infinity());
-  Vec3f high = Vec3f::Constant(-std::numeric_limits<float>::infinity());
-  float reach = 0;
-
-  void add(const Vec3f& center, float radius) {
-    low = low.cwiseMin(center);
-    high = high.cwiseMax(center);
-    reach = std::max(reach, radius);
-  }
-  void add(const SplatRun& other) {
-    low = low.cwiseMin(other.low);
-    high = high.cwiseMax(other.high);
-    reach = std::max(reach, other.reach);
-  }
-  bool empty() const { return !(low.x() <= high.x()); }
-  /// False only if no splat of this run overlaps a splat of the other one.
-  bool may_overlap(const SplatRun& other) const {
-    if (empty() || other.empty()) return false;
-    constexpr float kRounding = 1 + 1e-5F;
-    const Vec3f gap = (low - other.high).cwiseMax(other.low - high).cwiseMax(0.0F);
-    return gap.norm() <= (reach + other.reach) * kRounding;
-  }
-};
-
-/// How far splat i reaches; 0 if it is not usable.
-float reach_of(const SurfelCloud& cloud, std::size_t i, const OverlapOptions& options) {
-  return static_cast<float>(options.overlap) * splat_radius(cloud, i, options.cutoff);
-}
-
-/// A splat as a run. Where splats may overlap as they like, splats of no reach are usable, too.
-SplatRun run_of(const SurfelCloud& cloud, std::size_t i, const OverlapOptions& options) {
-  SplatRun run;
-  if (splat_radius(cloud, i, options.cutoff) > 0) {
-    run.add(cloud.position[i], reach_of(cloud, i, options));
-  }
-  return run;
-}
-
-/// The runs of kRunLength surfels each.
-std::vector<SplatRun> runs_of(const SurfelCloud& cloud, const OverlapOptions& options) {
-  std::vector<SplatRun> runs((cloud.size() + kRunLength - 1) / kRunLength);
-  parallel_for(cloud.size(), kRunLength, [&](std::size_t begin, std::size_t end, int) {
-    for (std::size_t i = begin; i < end; ++i) {
-      runs[begin / kRunLength].add(run_of(cloud, i, options));
-    }
-  });
-  return runs;
-}
-
-/// Finds out which splats, and runs of splats, may overlap the splats of a block. A curve through
-/// space jumps: boxes of some consecutive splats may be as large as the cloud, the boxes of single
-/// splats are not.
-class BlockSplats {
- public:
-  BlockSplats(const SurfelCloud& block, const OverlapOptions& options) : splat_(block.size()) {
-    parallel_each(block.size(), kRunLength,
-                  [&](std::size_t i) { splat_[i] = run_of(block, i, options); });
-    tree_ = {splat_.size(), [&](std::size_t i) { return splat_[i]; }};
-  }
-
-  bool may_overlap(const SplatRun& other) const {
-    if (other.empty()) return false;
-    bool found = false;
-    tree_.for_each_leaf([&](const SplatRun& run) { return !found && run.may_overlap(other); },
-                        [&](std::size_t leaf) {
-                          tree_.for_each_item(leaf, [&](std::size_t i) {
-                            found = found || splat_[i].may_overlap(other);
-                          });
-                        });
-    return found;
-  }
-
- private:
-  Array<SplatRun> splat_;
-  BoxTree<SplatRun, 8, 4> tree_;
-};
 
 /// The columns that tell which splats overlap.
 SurfelCloud overlap_columns(const SurfelCloud& cloud, const OverlapOptions& options) {
@@ -120,32 +34,94 @@ SurfelCloud overlap_columns(const SurfelCloud& cloud, const OverlapOptions& opti
   return out;
 }
 
+/// Splats meet where they may overlap: their radii are shrunk or enlarged by the overlap that is
+/// allowed. Where splats may overlap as they like, they reach no further than their centres.
+SurfelHaloOptions halo_options(const OverlapOptions& options) {
+  return {
+      .reach =
+          [&options](const SurfelCloud& cloud, std::size_t begin, std::size_t end, float* reach) {
+            for (std::size_t i = begin; i < end; ++i) {
+              const float radius = splat_radius(cloud, i, options.cutoff);
+              reach[i - begin] = radius > 0 ? static_cast<float>(options.overlap) * radius : -1;
+            }
+          },
+      .columns = [&options](const SurfelCloud& cloud) { return overlap_columns(cloud, options); }};
+}
+
+/// What a later run has to know once a block is done, beside the sizes of all groups so far and the
+/// groups of the block's splats. All sums are of the blocks up to this one.
+struct KeptGroups {
+  std::uint64_t begin, end, unusable, ends, max_degree, graph_bytes, groups;
+};
+
 class BlockGrouping {
  public:
   BlockGrouping(const SurfelRanges& cloud, const GroupingOptions& options, GroupingReport& report,
                 const std::string& name)
-      : cloud_(cloud), options_(options), report_(report), name_(name), group_(cloud.size()) {}
-
-  void read_index() {
-    ProgressStage stage("measuring splats", cloud_.size(), "surfels");
-    for (std::size_t begin = 0; begin < cloud_.size(); begin += kIndexPiece) {
-      const std::size_t end = std::min(begin + kIndexPiece, cloud_.size());
-      const std::vector<SplatRun> runs = runs_of(cloud_.read(begin, end), options_.overlap);
-      run_.insert(run_.end(), runs.begin(), runs.end());
-      stage.add(end - begin);
-    }
-  }
+      : cloud_(cloud),
+        options_(options),
+        report_(report),
+        name_(name),
+        halo_(cloud, halo_options(options.overlap)),
+        group_(cloud.size()) {}
 
   /// The surfels [begin, end) with their groups.
   SurfelCloud group(std::size_t begin, std::size_t end) {
     SurfelCloud block = cloud_.read(begin, end);
-    const Around around = with_neighbors(block, begin);
-    color(around, begin, end);
+    color(halo_.around(block, begin), begin, end);
     block.group.assign(group_.begin() + static_cast<std::ptrdiff_t>(begin),
                        group_.begin() + static_cast<std::ptrdiff_t>(end));
     block.group_radius.clear();
     block.tree = {};
     return block;
+  }
+
+  /// A surfel with the columns that all blocks have.
+  SurfelCloud first() const {
+    SurfelCloud one = cloud_.read(0, 1);
+    one.group.assign(1, 0);
+    one.group_radius.clear();
+    one.tree = {};
+    return one;
+  }
+
+  /// What take_up() takes up once the surfels [begin, end) have their groups.
+  std::string state(std::size_t begin, std::size_t end) const {
+    std::string out;
+    const auto append = [&](const auto* values, std::size_t count) {
+      out.append(reinterpret_cast<const char*>(values), count * sizeof(*values));
+    };
+    const KeptGroups kept{begin,
+                          end,
+                          report_.unusable,
+                          ends_,
+                          report_.max_degree,
+                          report_.graph_bytes,
+                          report_.sizes.size()};
+    append(&kept, 1);
+    for (const std::uint64_t size : report_.sizes) append(&size, 1);
+    append(group_.data() + begin, end - begin);
+    return out;
+  }
+
+  /// False if the state is not of these surfels.
+  bool take_up(const std::string& state, std::size_t begin, std::size_t end) {
+    KeptGroups kept;
+    if (state.size() < sizeof(kept)) return false;
+    std::memcpy(&kept, state.data(), sizeof(kept));
+    const std::size_t groups = kept.groups * sizeof(std::uint64_t);
+    const std::size_t bytes = sizeof(kept) + groups + (end - begin) * sizeof(group_[0]);
+    if (kept.begin != begin || kept.end != end || state.size() != bytes) return false;
+    std::vector<std::uint64_t> sizes(kept.groups);
+    std::memcpy(sizes.data(), state.data() + sizeof(kept), groups);
+    report_.sizes.assign(sizes.begin(), sizes.end());
+    std::memcpy(group_.data() + begin, state.data() + sizeof(kept) + groups,
+                (end - begin) * sizeof(group_[0]));
+    report_.unusable = kept.unusable;
+    report_.max_degree = static_cast<decltype(report_.max_degree)>(kept.max_degree);
+    report_.graph_bytes = kept.graph_bytes;
+    ends_ = kept.ends;
+    return true;
   }
 
   void finish() {
@@ -157,56 +133,7 @@ class BlockGrouping {
   }
 
  private:
-  /// A block among the splats that may overlap its own, in the order of the cloud.
-  struct Around {
-    SurfelCloud cloud;
-    std::vector<std::size_t> number;  ///< In the whole cloud.
-  };
-
-  Around with_neighbors(const SurfelCloud& block, std::size_t begin) const {
-    const std::size_t end = begin + block.size();
-    const BlockSplats own(block, options_.overlap);
-    const auto meets = [&](const SplatRun& other) { return own.may_overlap(other); };
-    Around out;
-    std::vector<SurfelCloud> parts;
-    const auto take_halo = [&](std::size_t from, std::size_t to) {
-      if (from >= to) return;
-      const SurfelCloud piece = cloud_.read(from, to);
-      Array<std::uint8_t> near(piece.size());
-      parallel_each(piece.size(), kHaloGrain, [&](std::size_t i) {
-        near[i] = meets(run_of(piece, i, options_.overlap)) ? 1 : 0;
-      });
-      Array<std::uint32_t> rows;
-      for (std::size_t i = 0; i < piece.size(); ++i) {
-        if (near[i] == 0) continue;
-        rows.push_back(static_cast<std::uint32_t>(i));
-        out.number.push_back(from + i);
-      }
-      if (!rows.empty()) {
-        parts.push_back(overlap_columns(piece, options_.overlap).gathered(rows));
-      }
-    };
-    const auto take_runs = [&](std::size_t from, std::size_t to) {
-      for (std::size_t r = from / kRunLength; r * kRunLength < to; ++r) {
-        if (!meets(run_[r])) continue;
-        take_halo(std::max(from, r * kRunLength), std::min(to, (r + 1) * kRunLength));
-      }
-    };
-    take_runs(0, begin);
-    parts.push_back(overlap_columns(block, options_.overlap));
-    for (std::size_t i = begin; i < end; ++i) out.number.push_back(i);
-    take_runs(end, cloud_.size());
-
-    out.cloud = cloud_of_rows(parts.front(), out.number.size());
-    std::size_t at = 0;
-    for (const SurfelCloud& part : parts) {
-      copy_rows(part, 0, part.size(), out.cloud, at);
-      at += part.size();
-    }
-    return out;
-  }
-
-  bool holds_usable(const Around& around, std::size_t begin, std::size_t end) const {
+  bool holds_usable(const SurfelHalo::Around& around, std::size_t begin, std::size_t end) const {
     for (std::size_t i = 0; i < around.number.size(); ++i) {
       const bool own = around.number[i] >= begin && around.number[i] < end;
       if (own && splat_radius(around.cloud, i, options_.overlap.cutoff) > 0) return true;
@@ -214,7 +141,7 @@ class BlockGrouping {
     return false;
   }
 
-  void color(const Around& around, std::size_t begin, std::size_t end) {
+  void color(const SurfelHalo::Around& around, std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) group_[i] = 0;
     if (!holds_usable(around, begin, end)) {
       report_.unusable += end - begin;
@@ -247,7 +174,7 @@ class BlockGrouping {
   const GroupingOptions& options_;
   GroupingReport& report_;
   const std::string& name_;
-  std::vector<SplatRun> run_;
+  SurfelHalo halo_;
   Array<std::uint16_t> group_;  ///< Of the surfels of finished blocks.
   std::uint64_t ends_ = 0;      ///< Of edges, at the splats of finished blocks.
 };
@@ -257,13 +184,13 @@ class BlockGrouping {
 std::uint64_t group_block_bytes(std::size_t surfels, std::size_t row_bytes) {
   // A splat's place in the graph, some 20 ends of edges, twice, and its part of what is around.
   constexpr std::uint64_t kInGraph = 350;
-  return surfels * sizeof(std::uint16_t) + surfels / kRunLength * sizeof(SplatRun) +
+  return surfels * sizeof(std::uint16_t) + surfels / kHaloRun * sizeof(ReachBox) +
          kGroupBlock * (kInGraph + 3 * row_bytes);
 }
 
-bool group_by_blocks(const SurfelRanges& cloud, const GroupingOptions& options,
-                     FunctionRef<void(std::size_t begin, SurfelCloud block)> visit,
-                     GroupingReport* report, const std::string& name, std::size_t most) {
+bool group_by_blocks(const SurfelRanges& cloud, const GroupingOptions& options, SurfelSink& sink,
+                     GroupingReport* report, const std::string& name,
+                     const GroupBlockOptions& parts) {
   require_usable(options);
   if (options.groups != 0) throw_usage("a number of groups is kept in memory alone");
   GroupingReport own;
@@ -275,18 +202,26 @@ bool group_by_blocks(const SurfelRanges& cloud, const GroupingOptions& options,
                 "the splats have no variance (nor radius); make it with surfel-from-mesh or "
                 "surfel-estimate");
   }
-  const CurveBlocks blocks = curve_blocks(cloud, most);
+  const CurveBlocks blocks = curve_blocks(cloud, parts.most);
   if (!blocks.in_order) return false;
   BlockGrouping grouping(cloud, options, r, name);
-  grouping.read_index();
   ProgressStage stage("grouping", cloud.size(), "surfels");
   // Surfels that cannot be drawn, without any that can, are in no block.
   const std::size_t end = blocks.blocks.empty() ? 0 : blocks.blocks.back().end;
-  for (const CurveBlock& block : blocks.blocks) {
-    visit(block.begin, grouping.group(block.begin, block.end));
-    stage.add(block.end - block.begin);
-  }
-  if (end < cloud.size()) visit(end, grouping.group(end, cloud.size()));
+  sink.begin(grouping.first(), cloud.size());
+  Checkpoints* const checkpoints = parts.checkpoints;
+  const auto group = [&](std::size_t begin, std::size_t block_end) {
+    const std::optional<std::string> state =
+        checkpoints ? checkpoints->finished(begin) : std::nullopt;
+    if (!state || !grouping.take_up(*state, begin, block_end)) {
+      sink.put(grouping.group(begin, block_end), begin);
+      const RowSpan rows{begin, block_end};
+      if (checkpoints) checkpoints->finish(begin, {&rows, 1}, grouping.state(begin, block_end));
+    }
+    stage.add(block_end - begin);
+  };
+  for (const CurveBlock& block : blocks.blocks) group(block.begin, block.end);
+  if (end < cloud.size()) group(end, cloud.size());
   grouping.finish();
   if (r.sizes.empty()) {
     throw_input(name, fmt::format("none of {} splats has a finite position and a positive variance",

@@ -4,9 +4,10 @@
 #include <cstdint>
 #include <string>
 
+#include <surfel/base/checkpoints.h>
 #include <surfel/base/export.h>
-#include <surfel/base/function_ref.h>
 #include <surfel/scene/surfel_ranges.h>
+#include <surfel/scene/surfel_sink.h>
 #include <surfel/sp06/grouping.h>
 
 namespace surfel {
@@ -15,6 +16,11 @@ namespace surfel {
 inline constexpr std::size_t kMostGroupedAtOnce = std::size_t{1} << 18;
 /// Surfels of a block that group_by_blocks() divides into groups at a time, at most.
 inline constexpr std::size_t kGroupBlock = std::size_t{1} << 16;
+
+struct GroupBlockOptions {
+  std::size_t most = kGroupBlock;      ///< Surfels of a block, >= 1.
+  Checkpoints* checkpoints = nullptr;  ///< Keeps the blocks that are finished; null: none.
+};
 
 /// Bytes that group_by_blocks() takes for so many surfels, of which each takes `row_bytes`: 2 for
 /// each surfel, and a block with the surfels around it.
@@ -31,13 +37,12 @@ SURFEL_API std::uint64_t group_block_bytes(std::size_t surfels, std::size_t row_
 /// all splats, see docs/groups.md.
 ///
 /// \param options  `groups` is 0.
-/// \param visit    gets each block, with its column `group` and without `group_radius`, and the
-///                 number of its first surfel.
-/// Returns false, before it visits anything, where the cloud is not in the order of morton_order().
-/// Throws as make_groups() does.
+/// \param sink     gets the blocks along the curve, with the column `group` and without
+///                 `group_radius`.
+/// Returns false, before anything comes to the sink, where the cloud is not in the order of
+/// morton_order(). Throws as make_groups() does.
 SURFEL_API bool group_by_blocks(const SurfelRanges& cloud, const GroupingOptions& options,
-                                FunctionRef<void(std::size_t begin, SurfelCloud block)> visit,
-                                GroupingReport* report = nullptr, const std::string& name = {},
-                                std::size_t most = kGroupBlock);
+                                SurfelSink& sink, GroupingReport* report = nullptr,
+                                const std::string& name = {}, const GroupBlockOptions& parts = {});
 
 }  // namespace surfel

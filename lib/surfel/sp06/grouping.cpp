@@ -1,3 +1,5 @@
+#include <utility>
+
 #include <fmt/format.h>
 #include <surfel/base/morton.h>
 #include <surfel/base/option_check.h>
@@ -19,18 +21,26 @@ std::vector<std::string> GroupingOptions::problems() const {
 
 namespace {
 
+/// Gathers the groups of a cloud in memory.
+class GroupSink final : public SurfelSink {
+ public:
+  explicit GroupSink(const SurfelCloud& cloud) : order_(morton_order(cloud.position)) {}
+  void begin(const SurfelCloud& /*like*/, std::size_t count) override { group_.resize(count); }
+  void put(SurfelCloud surfels, std::size_t at) override {
+    for (std::size_t i = 0; i < surfels.size(); ++i) group_[order_[at + i]] = surfels.group[i];
+  }
+  Array<std::uint16_t> take() { return std::move(group_); }
+
+ private:
+  Array<std::uint32_t> order_;
+  Array<std::uint16_t> group_;
+};
+
 Array<std::uint16_t> groups_by_blocks(const SurfelCloud& cloud, const GroupingOptions& options,
                                       GroupingReport& report, const std::string& name) {
-  const OrderedCloud ordered(cloud);
-  const Array<std::uint32_t> order = morton_order(cloud.position);
-  Array<std::uint16_t> group(cloud.size());
-  group_by_blocks(
-      ordered, options,
-      [&](std::size_t begin, const SurfelCloud& block) {
-        for (std::size_t i = 0; i < block.size(); ++i) group[order[begin + i]] = block.group[i];
-      },
-      &report, name);
-  return group;
+  GroupSink sink(cloud);
+  group_by_blocks(OrderedCloud(cloud), options, sink, &report, name);
+  return sink.take();
 }
 
 }  // namespace

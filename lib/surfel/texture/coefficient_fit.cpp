@@ -10,6 +10,7 @@
 #include <surfel/solve/ceres_solver.h>
 #include <surfel/solve/conjugate_gradients.h>
 #include <surfel/solve/direct_solve.h>
+#include <surfel/solve/range_sums.h>
 #include <surfel/solve/spectrum.h>
 #include <surfel/solve/symmetric_product.h>
 #include <surfel/texture/coefficient_fit.h>
@@ -39,6 +40,7 @@ constexpr double kIndefiniteLambda = 1.5;
 /// An automatic lambda grows by this factor where conjugate gradients do not converge.
 constexpr double kRaise = 2;
 constexpr std::size_t kIntegralGrain = 1 << 12;
+constexpr std::size_t kErrorGrain = 1 << 11;
 
 Array<Channels> coefficients_of(const SurfelCloud& cloud, const SurfelBasis& basis, bool alpha) {
   Array<Channels> w(basis.size());
@@ -60,6 +62,32 @@ void store(const Array<Channels>& w, const SurfelBasis& basis, bool alpha, Surfe
 
 void tell(const TextureFitOptions& options, double done) {
   if (options.progress) options.progress(done);
+}
+
+/// Does a function count in the report?
+bool counts(const TextureFitOptions& options, const SurfelBasis& basis, std::size_t i) {
+  return !options.part || options.part->owns(basis.surfel[i]);
+}
+
+std::size_t counted_functions(const TextureFitOptions& options, const SurfelBasis& basis) {
+  std::size_t count = 0;
+  for (std::size_t i = 0; i < basis.size(); ++i) count += counts(options, basis, i) ? 1 : 0;
+  return count;
+}
+
+/// Entries in the counted functions' rows of the whole matrix.
+std::size_t counted_entries(const TextureFitOptions& options, const SurfelBasis& basis,
+                            const SymmetricMatrix& matrix) {
+  if (!options.part) return matrix.entries();
+  std::size_t count = 0;
+  for (std::size_t row = 0; row < matrix.rows(); ++row) {
+    const bool own = counts(options, basis, row);
+    for (std::size_t e = matrix.row_begin[row]; e < matrix.row_begin[row + 1]; ++e) {
+      count += own ? 1 : 0;
+      count += matrix.column[e] != row && counts(options, basis, matrix.column[e]) ? 1 : 0;
+    }
+  }
+  return count;
 }
 
 /// The progress of a stage, as a part of the whole's.
@@ -149,6 +177,9 @@ class GramFit {
                      : std::max(0.0, spectrum_.max / kMostCondition - spectrum_.min) +
                            gram_.left_out);
     }
+    if (options_.part && !options_.lambda && lambda_ < options_.part->least_lambda) {
+      use_lambda(options_.part->least_lambda);
+    }
     note_lambda(report);
   }
 
@@ -204,7 +235,12 @@ class GramFit {
     const double before = lambda_;
     if (!is_shifted_) make_definite();
     if (lambda_ > before) return;
-    set_lambda(std::max(kRaise * before, spectrum_.max / kMostCondition));
+    use_lambda(std::max(kRaise * before, spectrum_.max / kMostCondition));
+  }
+
+  /// Sets a lambda that the factor was not made for.
+  void use_lambda(double lambda) {
+    set_lambda(lambda);
     factor_.emplace(gram_.matrix, lambda_ < kShift / 4 ? 0 : kShiftedEntries);
   }
 
@@ -298,7 +334,7 @@ struct RenderFit {
     const InverseFactor factor(system.normal_matrix, kFewEntries);
     report.rough_iterations =
         conjugate_gradients(system.normal_matrix, b, factor, w, rough).iterations;
-    report.unresolved = surfel::hold_unresolved(system, w, target.f);
+    surfel::hold_unresolved(system, w, target.f);
     for (std::size_t k = 0; k < system.held.size(); ++k) b[k] += system.held[k] * target.w_0[k];
   }
 
@@ -315,14 +351,36 @@ struct RenderFit {
     report.converged = report.robust->converged;
   }
 
-  /// Root mean square over the covered points.
-  double error(const RenderSystem& system, const Array<Channels>& w) const {
-    const std::size_t points = target.f.size() - system.near.uncovered;
+  /// Root mean square over the covered points that count.
+  double error(const RenderSystem& system, const SurfelBasis& basis, const SystemReport& report,
+               const Array<Channels>& w) const {
+    const std::size_t points = report.points - report.uncovered;
     if (points == 0) return 0;
-    return std::sqrt(system.near.residual2(w, target.f).sum() /
-                     (static_cast<double>(points) * target.channels));
+    const EvaluatedBasis& near = system.near;
+    const Channels sum = sum_of(basis.size(), kErrorGrain, [&](std::size_t i) -> Channels {
+      Channels squares = Channels::Zero();
+      if (!counts(options, basis, i)) return squares;
+      for (std::size_t q = near.point_begin[i]; q < near.point_begin[i + 1]; ++q) {
+        squares += near.residual(q, w, target.f).square();
+      }
+      return squares;
+    });
+    return std::sqrt(sum.sum() / (static_cast<double>(points) * target.channels));
   }
 };
+
+/// Counts points, and of them the uncovered ones.
+void count_points(const TextureFitOptions& options, const SurfelBasis& basis,
+                  const EvaluatedBasis& near, SystemReport& report) {
+  report.points = report.uncovered = 0;
+  for (std::size_t i = 0; i < basis.size(); ++i) {
+    if (!counts(options, basis, i)) continue;
+    report.points += near.point_begin[i + 1] - near.point_begin[i];
+    for (std::size_t q = near.point_begin[i]; q < near.point_begin[i + 1]; ++q) {
+      report.uncovered += near.A.row_begin[q] == near.A.row_begin[q + 1] ? 1 : 0;
+    }
+  }
+}
 
 }  // namespace
 
@@ -346,8 +404,8 @@ void fit_gram(SurfelCloud& cloud, const SurfelBasis& basis, const Array<double>&
   SystemReport& system = report.system.emplace();
   StageTimer timer(report.times);
   GramSystem gram = make_gram_system(basis);
-  system.functions = basis.size();
-  system.entries = gram.matrix.entries();
+  system.functions = counted_functions(options, basis);
+  system.entries = counted_entries(options, basis, gram.matrix);
   system.min_reach = gram.min_reach;
   system.max_reach = gram.max_reach;
   const Array<double> weights = integrals.empty() ? row_sums(gram.matrix) : integrals;
@@ -358,6 +416,7 @@ void fit_gram(SurfelCloud& cloud, const SurfelBasis& basis, const Array<double>&
   fit.choose_lambda(system);
   timer.end("condition");
   tell(options, 0.5);
+  if (options.part && options.part->only_lambda) return;
 
   Array<Channels> w = coefficients_of(cloud, basis, report.alpha);
   fit.solve(weights, report.alpha ? 4 : 3, w, system);
@@ -380,9 +439,17 @@ void fit_render(SurfelCloud& cloud, PointColors colors, const RenderSystemOption
   if (!report.alpha) {
     for (Channels& color : fit.target.f) color[3] = 0;
   }
-  RenderSystem render = assemble_render_system(colors.basis, quadrature, render_options);
-  system.functions = colors.basis.size();
-  system.points = quadrature.size();
+  if (options.part && options.part->measured) {
+    options.part->measured->add(
+        measure_render_system(colors.basis, quadrature, render_options,
+                              [&](std::size_t i) { return counts(options, colors.basis, i); }));
+    return;
+  }
+  RenderSystemOptions weights = render_options;
+  if (options.part) weights.whole = options.part->whole;
+  RenderSystem render = assemble_render_system(colors.basis, quadrature, weights);
+  system.functions = counted_functions(options, colors.basis);
+  count_points(options, colors.basis, render.near, system);
   if (!options.refine_variance) Array<Vec2f>().swap(quadrature.offset);
   system.lambda = render_options.regularization;
   timer.end("assembly");
@@ -394,6 +461,9 @@ void fit_render(SurfelCloud& cloud, PointColors colors, const RenderSystemOption
   if (render.mu > 0) {
     // Without a minified term there is nothing that aliasing would spoil from afar.
     fit.hold_unresolved(render, b, w, system);
+    for (std::size_t i = 0; i < render.held.size(); ++i) {
+      if (render.held[i] > 0 && counts(options, colors.basis, i)) ++system.unresolved;
+    }
     timer.end("unresolved");
   }
   InverseFactor factor(render.normal_matrix);
@@ -407,7 +477,7 @@ void fit_render(SurfelCloud& cloud, PointColors colors, const RenderSystemOption
     timer.end("solve");
   }
   if (options.refine_variance) {
-    system.error_before = fit.error(render, w);
+    system.error_before = fit.error(render, colors.basis, system, w);
     RenderSolution solution{colors.basis, std::move(render), std::move(w)};
     system.variance = refine_variance(solution, quadrature, fit.target,
                                       [&](const RenderSystem& of, Array<Channels>& x) {
@@ -428,10 +498,10 @@ void fit_render(SurfelCloud& cloud, PointColors colors, const RenderSystemOption
   system.eigen_min = spectrum.min;
   system.eigen_max = spectrum.max;
   timer.end("condition");
-  system.entries = render.normal_matrix.entries();
-  system.uncovered = render.near.uncovered;
-  system.error_ewa = fit.error(render, fit.target.w_0);
-  system.error = fit.error(render, w);
+  system.entries = counted_entries(options, colors.basis, render.normal_matrix);
+  count_points(options, colors.basis, render.near, system);
+  system.error_ewa = fit.error(render, colors.basis, system, fit.target.w_0);
+  system.error = fit.error(render, colors.basis, system, w);
   store(w, colors.basis, report.alpha, cloud);
   cloud.basis_cutoff = render_options.cutoff;
 }

@@ -142,8 +142,9 @@ class EwaFit {
     points_->color[q] << sample->color.cast<double>().array(), sample->alpha;
   }
 
-  /// Counts one more in a number of the report, on any thread.
-  static void count(std::size_t& number) {
+  /// Counts a surfel in a number of the report, on any thread.
+  void count(std::size_t k, std::size_t& number) const {
+    if (options_.part && !options_.part->owns(k)) return;
     std::atomic_ref(number).fetch_add(1, std::memory_order_relaxed);
   }
 
@@ -155,14 +156,14 @@ class EwaFit {
       for (std::size_t k = begin; k < end; ++k) {
         level_[k] = 0;
         if (!cloud_.uv[k].allFinite()) {
-          count(report_.without_uv);
+          count(k, report_.without_uv);
           continue;
         }
         const EwaKernel place = footprint(k);
-        if (place.point) count(report_.without_kernel);
-        if (place.widened) count(report_.widened);
+        if (place.point) count(k, report_.without_kernel);
+        if (place.widened) count(k, report_.widened);
         if (!options_.exact) level_[k] = level_for(place.kernel);
-        if (textures_.charts && !find_chart(k)) count(report_.outside_charts);
+        if (textures_.charts && !find_chart(k)) count(k, report_.outside_charts);
       }
     });
   }
@@ -247,7 +248,8 @@ class EwaFit {
 
   void fit_unmasked() {
     std::vector<TextureSample> means;
-    if (report_.without_uv > 0) {
+    if (std::any_of(cloud_.uv.begin(), cloud_.uv.end(),
+                    [](const Vec2f& uv) { return !uv.allFinite(); })) {
       for (const TextureMap& map : textures_.maps) means.push_back(map.mean());
     }
     ProgressStage stage("filtering the texture", cloud_.size(), "surfels");
@@ -309,7 +311,7 @@ class EwaFit {
         const TexelKernel kernel = footprint(k).kernel;
         std::optional<TextureSample> sample = texture.sample(kernel, max_level());
         if (!sample) {
-          count(report_.outside_charts);
+          count(k, report_.outside_charts);
           sample = map.sample({kernel.center, reconstruction()}, max_level());
         }
         store(k, *sample);
@@ -354,9 +356,10 @@ void fit_ewa(SurfelCloud& cloud, TextureSet& textures, const TextureFitOptions& 
   EwaFit(cloud, textures, options, report, points).run();
 }
 
-void request_ewa(SurfelCloud& cloud, TextureSet& textures, const TextureFitOptions& options) {
+void request_ewa(SurfelCloud& cloud, TextureSet& textures, const TextureFitOptions& options,
+                 PointColors* points) {
   TextureFitReport unused;
-  EwaFit(cloud, textures, options, unused, nullptr).request();
+  EwaFit(cloud, textures, options, unused, points).request();
 }
 
 }  // namespace surfel

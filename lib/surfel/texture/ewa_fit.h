@@ -37,6 +37,7 @@ void fit_ewa(SurfelCloud& cloud, TextureSet& textures, const TextureFitOptions& 
              TextureFitReport& report, PointColors* points = nullptr);
 
 /// Requests what fit_ewa() will sample, of all maps, and loads none.
-void request_ewa(SurfelCloud& cloud, TextureSet& textures, const TextureFitOptions& options);
+void request_ewa(SurfelCloud& cloud, TextureSet& textures, const TextureFitOptions& options,
+                 PointColors* points = nullptr);
 
 }  // namespace surfel

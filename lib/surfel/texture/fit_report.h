@@ -28,4 +28,20 @@ struct VarianceFitReport {
   std::size_t held = 0;        ///< Functions whose change was cut back for the sake of coverage.
 };
 
+/// Sums over functions that tell how the terms of a render system (render_system.h) are
+/// weighted.
+struct RenderMeasure {
+  std::size_t functions = 0;
+  std::size_t points = 0;  ///< Of these functions.
+  double near = 0;         ///< Of these functions, the diagonal of A^T A.
+  double far = 0;          ///< The same of B^T B.
+
+  void add(const RenderMeasure& more) {
+    functions += more.functions;
+    points += more.points;
+    near += more.near;
+    far += more.far;
+  }
+};
+
 }  // namespace surfel

@@ -460,6 +460,21 @@ SurfelBasis minified(const SurfelBasis& basis, double cutoff) {
   return wide;
 }
 
+/// The bases from near and from far, and the weight of the latter.
+RenderSystem evaluate_bases(const SurfelBasis& basis, const Quadrature& quadrature,
+                            const RenderSystemOptions& options) {
+  RenderSystem system;
+  system.near = Assembler(basis, quadrature, options.cutoff).run();
+  if (options.minified > 0 && basis.size() > 0) {
+    system.mu = options.minified * static_cast<double>(quadrature.size()) /
+                static_cast<double>(basis.size());
+    const SurfelBasis wide = minified(basis, options.cutoff);
+    const Quadrature centers = at_functions(wide);
+    system.far = Assembler(wide, centers, options.cutoff).run();
+  }
+  return system;
+}
+
 }  // namespace
 
 Quadrature cover_surface(const SurfelBasis& basis, int points) {
@@ -517,21 +532,49 @@ EvaluatedBasis evaluate_basis(const SurfelBasis& basis, const Quadrature& quadra
   return Assembler(basis, quadrature, cutoff).run();
 }
 
+RenderMeasure measure_render_system(const SurfelBasis& basis, const Quadrature& quadrature,
+                                    const RenderSystemOptions& options,
+                                    FunctionRef<bool(std::size_t i)> owns) {
+  const RenderSystem system = evaluate_bases(basis, quadrature, options);
+  Array<std::uint8_t> own(basis.size());
+  RenderMeasure measure;
+  for (std::size_t i = 0; i < basis.size(); ++i) {
+    own[i] = owns(i) ? 1 : 0;
+    if (own[i] == 0) continue;
+    ++measure.functions;
+    measure.points += quadrature.begin[i + 1] - quadrature.begin[i];
+  }
+  const auto squares = [&](const SparseMatrix& A) {
+    double sum = 0;
+    for (std::size_t e = 0; e < A.value.size(); ++e) {
+      if (own[A.column[e]] != 0) sum += A.value[e] * A.value[e];
+    }
+    return sum;
+  };
+  measure.near = squares(system.near.A);
+  measure.far = squares(system.far.A);
+  return measure;
+}
+
 RenderSystem assemble_render_system(const SurfelBasis& basis, const Quadrature& quadrature,
                                     const RenderSystemOptions& options) {
   require_usable(options);
-  RenderSystem system;
-  system.near = Assembler(basis, quadrature, options.cutoff).run();
-  if (options.minified > 0 && basis.size() > 0) {
-    system.mu = options.minified * static_cast<double>(quadrature.size()) /
-                static_cast<double>(basis.size());
-    const SurfelBasis wide = minified(basis, options.cutoff);
-    const Quadrature centers = at_functions(wide);
-    system.far = Assembler(wide, centers, options.cutoff).run();
+  RenderSystem system = evaluate_bases(basis, quadrature, options);
+  const RenderMeasure& whole = options.whole;
+  if (whole.functions > 0) {
+    const auto functions = static_cast<double>(whole.functions);
+    if (options.minified > 0) {
+      system.mu = options.minified * static_cast<double>(whole.points) / functions;
+    }
+    system.normal_matrix = normal_product(system);
+    system.mean_diagonal = (whole.near + system.mu * whole.far) / functions;
+  } else {
+    system.normal_matrix = normal_product(system);
+    if (basis.size() > 0) {
+      system.mean_diagonal = system.normal_matrix.trace() / static_cast<double>(basis.size());
+    }
   }
-  system.normal_matrix = normal_product(system);
-  const double mean =
-      basis.size() > 0 ? system.normal_matrix.trace() / static_cast<double>(basis.size()) : 0;
+  const double mean = system.mean_diagonal;
   system.lambda = options.lambda.value_or(options.regularization * (mean > 0 ? mean : 1));
   for (std::size_t k = 0; k < basis.size(); ++k) system.normal_matrix.diagonal(k) += system.lambda;
   return system;

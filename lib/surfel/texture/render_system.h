@@ -7,8 +7,10 @@
 #include <vector>
 
 #include <surfel/base/export.h>
+#include <surfel/base/function_ref.h>
 #include <surfel/base/types.h>
 #include <surfel/solve/symmetric_matrix.h>
+#include <surfel/texture/fit_report.h>
 #include <surfel/texture/surfel_basis.h>
 
 namespace surfel {
@@ -53,7 +55,10 @@ struct SURFEL_API RenderSystemOptions {
   double minified = 8;
   /// lambda by the mean of the diagonal of A^T A + mu B^T B, (0, 1e6].
   double regularization = 0.03;
-  std::optional<double> lambda{};             ///< > 0; where set, lambda itself instead.
+  std::optional<double> lambda{};  ///< > 0; where set, lambda itself instead.
+  /// Of the cloud that the basis is a part of, from which mu and lambda are; without functions: of
+  /// the basis.
+  RenderMeasure whole{};
   std::vector<std::string> problems() const;  ///< Empty if usable.
 };
 
@@ -107,7 +112,8 @@ struct SURFEL_API RenderSystem {
   SymmetricMatrix normal_matrix;  ///< A^T A + mu B^T B + lambda I + diag(held).
   double mu = 0;
   double lambda = 0;
-  Array<double> held;  ///< Of every function, >= 0; empty: none is (unresolved_detail.h).
+  double mean_diagonal = 0;  ///< Of A^T A + mu B^T B, the mean that lambda is from.
+  Array<double> held;        ///< Of every function, >= 0; empty: none is (unresolved_detail.h).
 
   /// The weight of |w_k - w_0k|^2.
   double pull(std::size_t k) const { return lambda + (held.empty() ? 0 : held[k]); }
@@ -132,6 +138,11 @@ struct FitTarget {
 /// The basis at the points alone: kernels end at `cutoff`, > 0. The same for any number of threads.
 SURFEL_API EvaluatedBasis evaluate_basis(const SurfelBasis& basis, const Quadrature& quadrature,
                                          double cutoff);
+
+/// The sums of the functions i for which owns(i) holds.
+RenderMeasure measure_render_system(const SurfelBasis& basis, const Quadrature& quadrature,
+                                    const RenderSystemOptions& options,
+                                    FunctionRef<bool(std::size_t i)> owns);
 
 /// Throws Error(kUsage) where the options are not usable. The same for any number of threads.
 SURFEL_API RenderSystem assemble_render_system(const SurfelBasis& basis,

@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 
@@ -32,12 +33,20 @@ void color_points(const Vec3d& origin, const SolidTexture& texture, PointColors&
   });
 }
 
+std::size_t unusable_surfels(const SurfelBasis& basis, const TextureFitOptions& options) {
+  if (!options.part) return basis.unusable;
+  const auto usable = std::count_if(basis.surfel.begin(), basis.surfel.end(),
+                                    [&](std::uint32_t k) { return options.part->owns(k); });
+  return options.part->end - options.part->begin - static_cast<std::size_t>(usable);
+}
+
 }  // namespace
 
 void fit_solid_ewa(SurfelCloud& cloud, const SolidTexture& texture, const SurfelBasis& basis,
-                   TextureFitReport& report, PointColors* points) {
+                   const TextureFitOptions& options, TextureFitReport& report,
+                   PointColors* points) {
   StageTimer timer(report.times);
-  report.without_kernel = basis.unusable;
+  report.without_kernel = unusable_surfels(basis, options);
   cloud.coefficient.resize(cloud.size());
   if (basis.unusable > 0) {
     parallel_each(cloud.size(), kSolidGrain,

@@ -14,6 +14,7 @@ namespace surfel {
 /// is the same for any number of threads. \param basis   of the cloud (make_basis()). \param points
 /// if not null, the texture at the points, filtered as cover_surface() asks for.
 void fit_solid_ewa(SurfelCloud& cloud, const SolidTexture& texture, const SurfelBasis& basis,
-                   TextureFitReport& report, PointColors* points = nullptr);
+                   const TextureFitOptions& options, TextureFitReport& report,
+                   PointColors* points = nullptr);
 
 }  // namespace surfel

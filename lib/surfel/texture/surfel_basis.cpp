@@ -1,6 +1,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 #include <optional>
 
 #include <surfel/base/morton.h>
@@ -43,9 +44,15 @@ SurfelBasis::Cut make_cut(const SurfelBasis::Function& f, const HalfPlane& plane
 
 }  // namespace
 
-SurfelBasis make_basis(const SurfelCloud& cloud) {
+SurfelBasis make_basis(const SurfelCloud& cloud, bool along_curve) {
   SurfelBasis basis;
-  const Array<std::uint32_t> order = morton_order(cloud.position);
+  Array<std::uint32_t> order;
+  if (along_curve) {
+    order.resize(cloud.size());
+    std::iota(order.begin(), order.end(), 0U);
+  } else {
+    order = morton_order(cloud.position);
+  }
   basis.function.reserve(order.size());
   basis.surfel.reserve(order.size());
   for (const std::uint32_t k : order) {

@@ -43,6 +43,8 @@ struct SurfelBasis {
 };
 
 /// Surfels without an area have sqrt |V_k|, as in the renderer (RenderCloud).
-SURFEL_API SurfelBasis make_basis(const SurfelCloud& cloud);
+/// \param along_curve  the surfels are a part of a cloud, in the order that they have in the basis
+///                     of the whole, which is kept: cells and their points are then the whole's.
+SURFEL_API SurfelBasis make_basis(const SurfelCloud& cloud, bool along_curve = false);
 
 }  // namespace surfel

@@ -75,11 +75,15 @@ Array<std::uint32_t> multiplied_surfels(const SurfelCloud& cloud, const TextureS
   return found;
 }
 
-/// The range of the coefficients.
-void measure(const SurfelCloud& cloud, TextureFitReport& report) {
-  if (cloud.empty()) return;
-  report.coefficient_min = report.coefficient_max = cloud.coefficient.front();
-  for (const Vec3f& w : cloud.coefficient) {
+/// Counts the surfels, and finds the range of their coefficients.
+void measure(const SurfelCloud& cloud, const TextureFitOptions& options, TextureFitReport& report) {
+  const std::size_t begin = options.part ? options.part->begin : 0;
+  const std::size_t end = options.part ? options.part->end : cloud.size();
+  report.surfels = end - begin;
+  if (begin == end) return;
+  report.coefficient_min = report.coefficient_max = cloud.coefficient[begin];
+  for (std::size_t k = begin; k < end; ++k) {
+    const Vec3f& w = cloud.coefficient[k];
     report.coefficient_min = report.coefficient_min.cwiseMin(w);
     report.coefficient_max = report.coefficient_max.cwiseMax(w);
   }
@@ -178,6 +182,10 @@ std::vector<std::string> TextureFitOptions::problems() const {
   check_rule(found, !robust || !refine_variance,
              "`robust` and `refine_variance` do not go together");
   check_option(found, coverage >= 0 && coverage <= 1e6, "coverage", coverage, "0 to 1e6");
+  check_rule(found,
+             !part || (!robust && !refine_variance && solver == FitSolver::kConjugateGradients),
+             "a part is fitted by the solver cg alone, and neither `robust` nor with "
+             "`refine_variance`");
   return found;
 }
 
@@ -208,14 +216,52 @@ void TextureFitReport::add(const TextureFitReport& more) {
   outside_charts += more.outside_charts;
   levels = std::max(levels, more.levels);
   alpha = more.alpha;
+  if (more.system && system) {
+    system->add(*more.system);
+  } else if (more.system) {
+    system = more.system;
+  }
   for (const auto& [stage, milliseconds] : more.times.stages()) times.add(stage, milliseconds);
+}
+
+void SystemReport::add(const SystemReport& more) {
+  const auto covered = [](const SystemReport& r) {
+    return static_cast<double>(r.points - r.uncovered);
+  };
+  const double points_before = covered(*this);
+  const double points_more = covered(more);
+  const auto mean = [&](double& value, double other) {
+    if (points_more == 0) return;
+    value = std::sqrt((points_before * value * value + points_more * other * other) /
+                      (points_before + points_more));
+  };
+  mean(error_ewa, more.error_ewa);
+  mean(error, more.error);
+  functions += more.functions;
+  entries += more.entries;
+  lambda = std::max(lambda, more.lambda);
+  eigen_min = std::min(eigen_min, more.eigen_min);
+  eigen_max = std::max(eigen_max, more.eigen_max);
+  iterations = std::max(iterations, more.iterations);
+  rough_iterations = std::max(rough_iterations, more.rough_iterations);
+  residual = std::max(residual, more.residual);
+  converged = converged && more.converged;
+  points += more.points;
+  uncovered += more.uncovered;
+  unresolved += more.unresolved;
+  min_reach = std::min(min_reach, more.min_reach);
+  max_reach = std::max(max_reach, more.max_reach);
 }
 
 void request_kernels(SurfelCloud& piece, TextureSet& textures, const TextureFitOptions& options,
                      const std::string& name, std::size_t first) {
   require_usable(options);
   check_textured(piece, textures, name, first);
-  request_ewa(piece, textures, options);
+  if (options.kind != TextureFitKind::kRender) return request_ewa(piece, textures, options);
+  const SurfelBasis basis = make_basis(piece, options.part.has_value());
+  require_bounded_overlap(basis, fit_reach(options), name);
+  PointColors points{.basis = basis, .quadrature = cover_surface(basis, fit_points(options))};
+  request_ewa(piece, textures, options, &points);
 }
 
 void load_requested(TextureSet& textures) {
@@ -236,11 +282,10 @@ TextureFitReport fit_texture(SurfelCloud& cloud, TextureSet& textures,
   }
   cloud.color_light = textures.light;
   TextureFitReport report;
-  report.surfels = cloud.size();
   if (options.kind == TextureFitKind::kEwa) {
     fit_ewa(cloud, textures, options, report);
   } else {
-    SurfelBasis basis = make_basis(cloud);
+    SurfelBasis basis = make_basis(cloud, options.part.has_value());
     require_bounded_overlap(basis, fit_reach(options), name);
     if (options.kind == TextureFitKind::kGram) {
       leave_out_without_uv(cloud, basis);
@@ -260,7 +305,7 @@ TextureFitReport fit_texture(SurfelCloud& cloud, TextureSet& textures,
   for (const std::uint32_t k : multiplied) {
     cloud.coefficient[k] = cloud.coefficient[k].cwiseProduct(cloud.color[k]);
   }
-  measure(cloud, report);
+  measure(cloud, options, report);
   return report;
 }
 
@@ -285,11 +330,10 @@ TextureFitReport fit_colors(SurfelCloud& cloud, const TextureFitOptions& options
     throw_input(name, fmt::format("the colour of surfel {} is not finite", k));
   }
   TextureFitReport report;
-  report.surfels = cloud.size();
   cloud.coefficient = cloud.color;
   cloud.basis_cutoff.reset();
   if (options.kind != TextureFitKind::kEwa) {
-    const SurfelBasis basis = make_basis(cloud);
+    const SurfelBasis basis = make_basis(cloud, options.part.has_value());
     require_bounded_overlap(basis, fit_reach(options), name);
     if (options.kind == TextureFitKind::kGram) {
       fit_gram(cloud, basis, {}, options, report);
@@ -315,7 +359,7 @@ TextureFitReport fit_colors(SurfelCloud& cloud, const TextureFitOptions& options
       fit_render(cloud, std::move(colors), render, options, report);
     }
   }
-  measure(cloud, report);
+  measure(cloud, options, report);
   return report;
 }
 
@@ -325,8 +369,7 @@ TextureFitReport fit_solid(SurfelCloud& cloud, const SolidTexture& texture,
   check_kernels_present(cloud, name);
   cloud.color_light = ColorLight::kReflectance;
   TextureFitReport report;
-  report.surfels = cloud.size();
-  const SurfelBasis basis = make_basis(cloud);
+  const SurfelBasis basis = make_basis(cloud, options.part.has_value());
   if (options.kind != TextureFitKind::kEwa) {
     require_bounded_overlap(basis, fit_reach(options), name);
   }
@@ -334,16 +377,16 @@ TextureFitReport fit_solid(SurfelCloud& cloud, const SolidTexture& texture,
     StageTimer timer(report.times);
     PointColors colors{.basis = basis, .quadrature = cover_surface(basis, fit_points(options))};
     timer.end("points");
-    fit_solid_ewa(cloud, texture, basis, report, &colors);
+    fit_solid_ewa(cloud, texture, basis, options, report, &colors);
     fit_render(cloud, std::move(colors), render_options(options), options, report);
   } else {
-    fit_solid_ewa(cloud, texture, basis, report);
+    fit_solid_ewa(cloud, texture, basis, options, report);
     if (options.kind == TextureFitKind::kGram) {
       fit_gram(cloud, basis, published_side(options) ? kernel_integrals(basis) : Array<double>(),
                options, report);
     }
   }
-  measure(cloud, report);
+  measure(cloud, options, report);
   return report;
 }
 

@@ -44,6 +44,22 @@ enum class FitSolver {
   kCeres,               ///< ceres_solver.h: least squares by Ceres, for small systems.
 };
 
+/// A part of a cloud among the surfels around it (fit_blocks.h), which are fitted as well, but
+/// count in no report. The surfels are in the order of a curve through the whole cloud.
+struct FittedPart {
+  std::size_t begin = 0, end = 0;  ///< The part's own rows of the cloud.
+  /// kRender: where set, nothing is solved; the part's own sums are added.
+  RenderMeasure* measured = nullptr;
+  /// kRender: of the whole cloud; without functions: the part's own.
+  RenderMeasure whole{};
+  /// kGram: the least that an automatic lambda is.
+  double least_lambda = 0;
+  /// kGram: lambda is chosen, and nothing is solved.
+  bool only_lambda = false;
+
+  bool owns(std::size_t surfel) const { return surfel >= begin && surfel < end; }
+};
+
 struct SURFEL_API TextureFitOptions {
   TextureFitKind kind = TextureFitKind::kEwa;
   /// Standard deviation of the texture's reconstruction kernel n, texels, 0.25 to 16. SS01: 1.
@@ -88,6 +104,9 @@ struct SURFEL_API TextureFitOptions {
   /// bounds. Takes about 0.5 ms of one core a surfel.
   bool refine_variance = false;
   double coverage = 0;  ///< VarianceFitOptions::coverage, 0 to 1e6.
+  /// The cloud is a part of a larger one. Needs kConjugateGradients, and is neither for robust nor
+  /// refine_variance.
+  std::optional<FittedPart> part{};
   /// Called with the share of assembly and solution that is done; may be empty.
   std::function<void(double)> progress{};
   std::vector<std::string> problems() const;  ///< Empty if usable.
@@ -120,6 +139,8 @@ struct SystemReport {
   double error_before = 0;  ///< With `variance`: `error` as it was with the variances given.
 
   double condition() const { return eigen_min > 0 ? eigen_max / eigen_min : 0; }
+  /// Adds the figures of another part of the same cloud.
+  void add(const SystemReport& more);
 };
 
 /// The texture of the surfels.
@@ -162,7 +183,7 @@ struct SURFEL_API TextureFitReport {
   Vec3f coefficient_max{0, 0, 0};
   StageTimes times;
 
-  /// Adds the figures of a fit of further surfels of the same cloud; kEwa alone.
+  /// Adds the figures of a fit of further surfels of the same cloud.
   void add(const TextureFitReport& more);
 };
 

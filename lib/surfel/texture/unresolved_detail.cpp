@@ -63,7 +63,7 @@ std::size_t hold_unresolved(RenderSystem& system, const Array<Channels>& w,
                             const Array<Channels>& f) {
   SymmetricMatrix& matrix = system.normal_matrix;
   const Array<double> share = unresolved_share(system, w, f);
-  const double full = kFullHold * matrix.trace() / static_cast<double>(share.size());
+  const double full = kFullHold * (system.mean_diagonal + system.lambda);
   system.held.assign(share.size(), 0.0);
   std::size_t held = 0;
   for (std::size_t k = 0; k < share.size(); ++k) {

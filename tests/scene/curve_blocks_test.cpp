@@ -4,7 +4,7 @@
 
 #include <gtest/gtest.h>
 #include <surfel/base/morton.h>
-#include <surfel/lod/curve_blocks.h>
+#include <surfel/scene/curve_blocks.h>
 #include <surfel/scene/surfel_ranges.h>
 
 #include "render/scenes.h"

@@ -6,7 +6,7 @@
 #include <surfel/base/morton.h>
 #include <surfel/base/parallel.h>
 #include <surfel/base/progress.h>
-#include <surfel/lod/curve_blocks.h>
+#include <surfel/scene/curve_blocks.h>
 
 namespace surfel {
 namespace {
