@@ -30,6 +30,8 @@
 #include <surfel/lod/level_columns.h>
 #include <surfel/lod/level_plan.h>
 #include <surfel/lod/level_store_writer.h>
+#include <surfel/lod/store_folder.h>
+#include <surfel/lod/store_levels.h>
 #include <surfel/scene/coordinate_system.h>
 #include <surfel/scene/level_sink.h>
 #include <surfel/scene/surfel_ranges.h>
@@ -43,42 +45,10 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// The column by which surfels of the finest level are found again among the records.
-constexpr const char* kRecordColumn = "surfel_record";
-/// Names in the folder: of the new surfels in order, and of the file whose lock is held by whoever
-/// writes to the store.
-constexpr const char* kSortedFile = "sorted.ply";
-constexpr const char* kLockFile = "lock";
-constexpr const char* kBlockName = "block-";
-constexpr const char* kTopName = "top-";
 /// Records of the sorted surfels that are read at a time.
 constexpr std::size_t kReadAtOnce = std::size_t{1} << 14;
 
 using Records = Array<std::byte>;
-
-/// What records of a store look like.
-struct RecordLayout {
-  std::vector<RecordColumn> columns;
-  std::size_t stride = 0;
-
-  RecordLayout() = default;
-  /// \param like  any surfels with the columns
-  explicit RecordLayout(const SurfelCloud& like) {
-    const CloudRecords records(like, {});
-    columns = records.columns();
-    stride = records.stride();
-  }
-  std::size_t count(const Records& records) const { return records.size() / stride; }
-  /// World coordinates, which are the first three columns, in double precision.
-  Vec3d position(const std::byte* record) const {
-    Vec3d p;
-    for (int axis = 0; axis < 3; ++axis) {
-      const auto column = static_cast<std::size_t>(axis);
-      p[axis] = load_scalar<double, false>(record + columns[column].offset);
-    }
-    return p;
-  }
-};
 
 /// The records in another order.
 Records gathered(const Records& records, std::size_t stride,
@@ -96,170 +66,10 @@ std::vector<std::uint32_t> numbers_to(std::size_t count) {
   return numbers;
 }
 
-/// The levels of a file of the store, in memory. Surfels of the finest level are records that were
-/// there before, and stay as they were: reading and writing a record need not give its own bytes.
-class FileOfLevels final : public LevelSink {
- public:
-  /// Keeps references.
-  /// \param finest  records of the surfels, which know their numbers among them by kRecordColumn
-  FileOfLevels(const RecordLayout& layout, const Records& finest)
-      : layout_(layout), finest_(finest) {}
-
-  void begin(const SurfelCloud& like, std::size_t surfels, std::size_t clusters) override {
-    const CloudRecords records(like, {});
-    std::vector<RecordColumn> columns = records.columns();
-    if (columns.back().name != kRecordColumn) throw_input("", "its columns have no place for more");
-    columns.pop_back();
-    if (!same_columns(columns, layout_.columns)) {
-      throw_input("", "merged surfels have other columns than the surfels themselves");
-    }
-    origin_ = like.origin;
-    surfels_ = surfels;
-    const RecordColumn last = tree_columns().back();
-    bytes_.resize(surfels * layout_.stride + clusters * (last.offset + scalar_size(last.type)));
-  }
-  void put(const SurfelCloud& part, std::size_t begin, std::size_t end, std::size_t at) override {
-    const std::size_t stride = layout_.stride;
-    const std::size_t first_finest = surfels_ - layout_.count(finest_);
-    const CloudRecords records(part, {});
-    Records made((end - begin) * records.stride());
-    records.encode(begin, end, made.data());
-    for (std::size_t i = 0; i < end - begin; ++i) {
-      const std::byte* from = made.data() + i * records.stride();
-      if (at + i >= first_finest) {
-        from = finest_.data() + load_scalar<std::uint32_t, false>(from + stride) * stride;
-      }
-      std::memcpy(bytes_.data() + (at + i) * stride, from, stride);
-    }
-  }
-  void finish(ClusterTree tree) override {
-    const Array<std::byte> clusters = tree_to_records(tree, origin_);
-    std::copy(clusters.begin(), clusters.end(),
-              bytes_.begin() + static_cast<std::ptrdiff_t>(surfels_ * layout_.stride));
-    levels_ = levels_of(tree);
-    std::reverse(levels_.begin(), levels_.end());
-  }
-
-  /// The surfels, then the clusters.
-  const Records& bytes() const { return bytes_; }
-  /// The part without its name.
-  LevelStorePart part() const {
-    LevelStorePart part;
-    part.checksum = crc32c(bytes_);
-    for (const TreeLevel& level : levels_) {
-      part.surfels.push_back(static_cast<std::uint32_t>(level.end_surfel - level.first_surfel));
-      part.clusters.push_back(static_cast<std::uint32_t>(level.end - level.begin));
-    }
-    return part;
-  }
-
- private:
-  const RecordLayout& layout_;
-  const Records& finest_;
-  Vec3d origin_{0, 0, 0};
-  std::size_t surfels_ = 0;
-  Records bytes_;
-  std::vector<TreeLevel> levels_;
-};
-
-/// The folder of a store while it is written to: files that are new go again unless they are kept.
-class StoreFolder {
- public:
-  /// Makes the folder where it is not there. Throws Error(kIo) where it is a folder of other files,
-  /// or another process writes to it.
-  explicit StoreFolder(const std::string& path) : path_(path) {
-    std::error_code error;
-    made_ = fs::create_directory(path_, error);
-    if (error && !fs::is_directory(path_)) {
-      throw_io(path_, "cannot be made: " + error.message() + "; is the folder above it there?");
-    }
-    try {
-      lock();
-    } catch (...) {
-      if (made_) fs::remove(path_, error);
-      throw;
-    }
-  }
-  ~StoreFolder() {
-    std::error_code ignored;
-    for (const std::string& file : new_) fs::remove(path_in(path_, file), ignored);
-    if (made_) {
-      fs::remove(path_in(path_, kLockFile), ignored);
-      fs::remove(path_, ignored);
-    }
-    if (lock_ >= 0) close(lock_);
-  }
-  StoreFolder(const StoreFolder&) = delete;
-  StoreFolder& operator=(const StoreFolder&) = delete;
-
-  const std::string& path() const { return path_; }
-  std::string operator/(const std::string& file) const { return path_in(path_, file); }
-  /// Is the file one that stores have?
-  static bool is_own(const std::string& file) {
-    const bool part = file.starts_with(kBlockName) || file.starts_with(kTopName);
-    return (part && file.ends_with(".ply")) || file == kSortedFile;
-  }
-  /// Removes the files of a store that are not among these.
-  void remove_all_but(const std::set<std::string>& kept) {
-    std::error_code error;
-    for (fs::directory_iterator at(path_, error), end; !error && at != end; at.increment(error)) {
-      const std::string file = at->path().filename().string();
-      std::error_code ignored;
-      if (is_own(file) && !kept.contains(file)) fs::remove(at->path(), ignored);
-    }
-  }
-  /// A file of this name will be written: it goes again unless keep() is called. One that is there
-  /// is of the store as it is, and has the same bytes.
-  void add(const std::string& file) {
-    if (fs::exists(path_in(path_, file))) return;
-    const std::lock_guard guard(mutex_);
-    new_.insert(file);
-  }
-  void remove(const std::string& file) {
-    std::error_code ignored;
-    fs::remove(path_in(path_, file), ignored);
-    const std::lock_guard guard(mutex_);
-    new_.erase(file);
-  }
-  /// The new files are the store's.
-  void keep() {
-    new_.clear();
-    made_ = false;
-  }
-
- private:
-  void lock() {
-    const std::string file = path_in(path_, kLockFile);
-    if (!is_level_store(path_)) {
-      std::error_code error;
-      for (fs::directory_iterator at(path_, error), end; !error && at != end; at.increment(error)) {
-        const std::string name = at->path().filename().string();
-        // Temporaries of a process that was killed begin with a dot.
-        if (is_own(name) || name == kLockFile || name.starts_with('.')) continue;
-        throw_io(path_, "is a folder of other files, and no store; name a new folder");
-      }
-    }
-    lock_ = open(file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0666);
-    if (lock_ < 0) {
-      throw_io(path_, std::string("cannot be written to: ") + std::strerror(errno));
-    }
-    // File systems without locks have none that is held.
-    if (flock(lock_, LOCK_EX | LOCK_NB) == 0 || errno != EWOULDBLOCK) return;
-    close(std::exchange(lock_, -1));
-    throw_io(path_, "is being written to by another process; wait until it has ended");
-  }
-
-  std::string path_;
-  bool made_ = false;
-  int lock_ = -1;
-  std::mutex mutex_;
-  std::set<std::string> new_;
-};
-
 /// The new surfels, in the order of the curve.
 class SortedRecords {
  public:
-  SortedRecords(const std::string& path, const RecordLayout& layout)
+  SortedRecords(const std::string& path, const StoreLayout& layout)
       : layout_(layout), ply_(InputFile(path)), table_(ply_.scalars("vertex")) {}
 
   bool done() const { return at_ == table_.count; }
@@ -278,7 +88,7 @@ class SortedRecords {
     buffer_ = table_.read(first_, end_, scratch_);
   }
 
-  const RecordLayout& layout_;
+  const StoreLayout& layout_;
   PlyFile ply_;
   const RecordTable& table_;
   std::size_t at_ = 0, first_ = 0, end_ = 0;
@@ -334,7 +144,7 @@ class StoreVersion {
   void add_block(Records records, const CurveCell& cell);
   void flush();
   void write_block(const Waiting& waiting);
-  void write_part(LevelStorePart& part, const FileOfLevels& levels, const std::string& begin);
+  void write_part(LevelStorePart& part, const StoreLevels& levels, const std::string& begin);
 
   StoreFolder& folder_;
   const LevelStoreIndex* older_;
@@ -342,7 +152,7 @@ class StoreVersion {
   const std::string& name_;
   HierarchyOptions hierarchy_;
   std::size_t most_ = 0;  ///< Surfels of a block.
-  RecordLayout layout_;
+  StoreLayout layout_;
   SurfelCloud head_;  ///< What the headers of all files tell.
   LevelStoreIndex index_;
   std::optional<Vec3d> before_;  ///< A place in the block before the next one along the curve.
@@ -365,7 +175,7 @@ StoreVersion::StoreVersion(StoreFolder& folder, const LevelStoreIndex* older,
   if (most_ == 0) most_ = most_block_surfels(hierarchy_.reduction);
   if (older_) {
     head_ = level_store_head(folder_.path());
-    layout_ = RecordLayout(head_);
+    layout_ = StoreLayout(head_);
   }
   index_.reduction = hierarchy_.reduction;
   index_.normal_angle = hierarchy_.sheets.normal_angle;
@@ -411,7 +221,7 @@ void StoreVersion::check_meaning(const SurfelCloud& surfels) const {
 
 /// Takes over the columns of the first surfels of a new store, and refuses others.
 void StoreVersion::check_columns(const SurfelCloud& surfels) {
-  const RecordLayout layout(surfels);
+  const StoreLayout layout(surfels);
   if (layout_.columns.empty()) {
     layout_ = layout;
     head_ = surfels.gathered({});
@@ -425,7 +235,7 @@ void StoreVersion::check_columns(const SurfelCloud& surfels) {
   }
   check_meaning(surfels);
   // The first of some columns that is not among others.
-  const auto lacking = [](const RecordLayout& has, const RecordLayout& lacks) {
+  const auto lacking = [](const StoreLayout& has, const StoreLayout& lacks) {
     return std::find_if(has.columns.begin(), has.columns.end(), [&](const RecordColumn& column) {
       return std::none_of(lacks.columns.begin(), lacks.columns.end(),
                           [&](const RecordColumn& other) {
@@ -648,7 +458,7 @@ void StoreVersion::write_block(const Waiting& waiting) {
   HierarchyOptions options = hierarchy_;
   options.memory = 0;
   options.least_levels = static_cast<int>(levels_of_block(most_, hierarchy_.reduction));
-  FileOfLevels levels(layout_, records);
+  StoreLevels levels(layout_, records);
   const SurfelCloud cloud = cloud_of(records);
   build_hierarchy(OrderedCloud(cloud), options, levels, nullptr, name_);
   LevelStoreBlock& block = index_.blocks[waiting.block];
@@ -661,7 +471,7 @@ void StoreVersion::write_block(const Waiting& waiting) {
 /// \param begin  of its name, which goes on with its size and checksum: files of two versions,
 /// which
 ///               differ in one of them, have different names
-void StoreVersion::write_part(LevelStorePart& part, const FileOfLevels& levels,
+void StoreVersion::write_part(LevelStorePart& part, const StoreLevels& levels,
                               const std::string& begin) {
   part = levels.part();
   const std::string checksum = checksum_text(part.checksum);
@@ -723,7 +533,7 @@ void StoreVersion::write_top() {
     trees[b].begin = begin;
     trees[b].end = begin += index_.blocks[b].surfels.back();
   }
-  FileOfLevels levels(layout_, surfels);
+  StoreLevels levels(layout_, surfels);
   HierarchyOptions options = hierarchy_;
   options.memory = 0;
   const std::vector<std::size_t> places =
