@@ -1,7 +1,9 @@
 #include <algorithm>
 #include <cstring>
+#include <filesystem>
 #include <optional>
 #include <span>
+#include <system_error>
 #include <utility>
 #include <vector>
 
@@ -38,6 +40,7 @@ struct SpooledWriter::Impl {
   RowFile file;
   ScratchFile scratch;
   bool keeps;
+  std::uint64_t left = 0;  ///< Bytes on the scratch file that an earlier run has left.
   SurfelCloud like;
   std::vector<RecordColumn> columns;
   std::uint64_t header = 0;
@@ -51,7 +54,11 @@ struct SpooledWriter::Impl {
       : path(std::move(to)),
         file(path, {.no_clobber = options.no_clobber, .job = options.job}),
         scratch(path, options.job.empty() ? std::string() : path + ".unfinished-scratch"),
-        keeps(!options.job.empty()) {}
+        keeps(!options.job.empty()) {
+    std::error_code none;
+    if (keeps) left = std::filesystem::file_size(path + ".unfinished-scratch", none);
+    if (none) left = 0;
+  }
 
   std::uint64_t checksum(std::size_t begin, std::size_t end) const;
   void drop_rest();
@@ -91,8 +98,8 @@ void SpooledWriter::begin(const SurfelCloud& like) {
   const CloudRecords records(like, {});
   w.columns = records.columns();
   w.stride = records.stride();
-  w.like = like.gathered({});
-  const std::string header = cloud_ply_header(w.like, w.columns, 0, 0, false);
+  w.like = like;
+  const std::string header = cloud_ply_header(like.gathered({}), w.columns, 0, 0, false);
   w.header = crc32c(std::as_bytes(std::span(header.data(), header.size())));
 }
 
@@ -142,7 +149,7 @@ std::optional<std::string> SpooledWriter::finished(std::uint64_t part) {
   std::string state = found->substr(sizeof(head));
   if (head.with_rows == 0) return state;
   const bool there = w.follows && head.header == w.header && head.begin == w.count &&
-                     head.end >= head.begin && head.end * w.stride <= w.scratch.size() &&
+                     head.end >= head.begin && head.end * w.stride <= w.left &&
                      head.checksum == w.checksum(head.begin, head.end);
   if (!there) return std::nullopt;
   w.count = w.finished = head.end;

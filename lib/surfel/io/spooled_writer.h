@@ -28,6 +28,7 @@ class SURFEL_API SpooledWriter final : public Checkpoints {
   ~SpooledWriter() override;
 
   /// Tells the columns of all pieces, and what holds for the whole cloud.
+  /// \param like  a surfel or some
   void begin(const SurfelCloud& like);
   /// Takes the next surfels. All pieces have the same columns, of the same types. Throws
   /// Error(kIo), and Error(kInput) where the columns differ.
