@@ -223,7 +223,7 @@ class BlockFitter {
         of.part.least_lambda = lambda;
         of.part.only_lambda = only_lambda;
         fitted = fit(of);
-        if (!only_lambda) keep(part, block, std::move(of), *fitted, sink);
+        if (!only_lambda) keep(part, block, of, *fitted, sink);
       }
       if (!render_ && !options_.lambda) {
         const SystemReport& system = *fitted->system;
@@ -244,7 +244,7 @@ class BlockFitter {
     sink.begin(one.cloud, cloud_.size());
   }
 
-  void keep(std::uint64_t part, const CurveBlock& block, Piece fitted,
+  void keep(std::uint64_t part, const CurveBlock& block, const Piece& fitted,
             const TextureFitReport& report, SurfelSink& sink) const {
     Array<std::uint32_t> own(block.end - block.begin);
     std::iota(own.begin(), own.end(), static_cast<std::uint32_t>(fitted.part.begin));
