@@ -39,11 +39,12 @@ struct WindingDipole {
   std::uint64_t cell = 0;  ///< Morton code.
   std::uint32_t sheet = 0;
 
-  void add(const WindingDipole& other, bool opposed) {
+  /// \param turned  the other one counts with its other side.
+  void add(const WindingDipole& other, bool turned) {
     const double sum = area + other.area;
     if (sum > 0) center += (other.center - center) * (other.area / sum);
-    moment += opposed ? Vec3d(-other.moment) : other.moment;
-    volume += opposed ? -other.volume : other.volume;
+    moment += turned ? Vec3d(-other.moment) : other.moment;
+    volume += turned ? -other.volume : other.volume;
     area = sum;
   }
 };
