@@ -226,8 +226,8 @@ TEST(FitBlocks, GoOnWhereTheyWereInterrupted) {
     test::InterruptedWork work;
     TextureFitReport report;
     const int runs = work.complete([&] {
-      fit_by_blocks(OrderedCloud(cloud), {.textures = &textures}, options_by(kind), work,
-                    &report, "surfels", {.most = 300, .checkpoints = &work});
+      fit_by_blocks(OrderedCloud(cloud), {.textures = &textures}, options_by(kind), work, &report,
+                    "surfels", {.most = 300, .checkpoints = &work});
     });
     EXPECT_GT(runs, static_cast<int>(at_once.blocks));
     ASSERT_EQ(work.blocks().size(), at_once.blocks);
