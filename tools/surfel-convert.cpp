@@ -527,7 +527,7 @@ std::string append_to_store(surfel::tool::Tool& tool, const Settings& s) {
     surfel::throw_input(s.output,
                         "is no store of levels of detail; make one first: surfel-lod surfels.ply "
                         "-o " +
-                            surfel::shell_file(s.output));
+                            surfel::shell_file(surfel::path_in(s.output, "")));
   }
   const surfel::SurfelCloud head = surfel::level_store_head(s.output);
   JoinedFiles files(s, &head);

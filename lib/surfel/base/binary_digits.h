@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <limits>
 #include <type_traits>
+#include <utility>
 
 namespace surfel {
 
@@ -30,6 +31,21 @@ int highest_difference(Real a, Real b) {
   // Numbers below the least normal one have the exponent 0 and no leading one beside the bits.
   if (exponent(u) != exponent(v)) return std::max(exponent(u), exponent(v)) + kDigits;
   return std::max(exponent(u), 1) + static_cast<int>(std::bit_width(u ^ v)) - 1;
+}
+
+/// The axis in which two points differ at the highest digit, the later one where digits are alike,
+/// and the place of the digit.
+template <class Point>
+std::pair<int, int> deciding_axis(const Point& p, const Point& q) {
+  int axis = 2;
+  int highest = highest_difference(p.z(), q.z());
+  for (const int other : {1, 0}) {
+    const int place = highest_difference(p[other], q[other]);
+    if (place <= highest) continue;
+    highest = place;
+    axis = other;
+  }
+  return {axis, highest};
 }
 
 }  // namespace surfel

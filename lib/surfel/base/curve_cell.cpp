@@ -1,4 +1,3 @@
-#include <algorithm>
 #include <cmath>
 
 #include <fmt/format.h>
@@ -21,10 +20,7 @@ double sides_away(double coordinate, int side) {
 }  // namespace
 
 int common_side(const Vec3d& p, const Vec3d& q) {
-  int highest = -1;
-  for (int axis = 0; axis < 3; ++axis) {
-    highest = std::max(highest, highest_difference(p[axis], q[axis]));
-  }
+  const int highest = deciding_axis(p, q).second;
   if (highest == kSignsDiffer) return CurveCell::kAllSpace;
   return highest < 0 ? kNoSide : highest + kLeastSide;
 }
@@ -60,14 +56,7 @@ std::string CurveCell::name() const {
 }
 
 bool before_in_space(const Vec3d& p, const Vec3d& q) {
-  int axis = 2;
-  int highest = highest_difference(p.z(), q.z());
-  for (const int other : {1, 0}) {
-    const int place = highest_difference(p[other], q[other]);
-    if (place <= highest) continue;
-    highest = place;
-    axis = other;
-  }
+  const int axis = deciding_axis(p, q).first;
   return p[axis] < q[axis];
 }
 

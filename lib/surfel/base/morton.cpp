@@ -14,20 +14,6 @@ namespace {
 constexpr std::size_t kGrain = 1 << 16;
 constexpr float kInf = std::numeric_limits<float>::infinity();
 
-/// The axis in which two points differ at the highest digit, the later one where digits are alike,
-/// and that digit.
-std::pair<int, int> deciding_axis(const Vec3f& p, const Vec3f& q) {
-  int axis = 2;
-  int highest = highest_difference(p.z(), q.z());
-  for (const int other : {1, 0}) {
-    const int place = highest_difference(p[other], q[other]);
-    if (place <= highest) continue;
-    highest = place;
-    axis = other;
-  }
-  return {axis, highest};
-}
-
 /// The order of the n points at(i) along the curve through a grid.
 template <class At>
 Array<std::uint32_t> order_of(std::size_t n, const At& at, const MortonGrid& grid) {

@@ -35,7 +35,7 @@ class SURFEL_API WindingTiles {
 
   /// Cuts the points of the next tile into sheets.
   /// \param search  searches `position`
-  /// \param normal  unit, or zero where unknown; those of a sheet are turned to one side.
+  /// \param normal  unit, or zero where unknown; the normals of a sheet are turned to one side.
   /// \return the sheet of each point, among all tiles' sheets; PointSheets::kNone without a normal.
   Array<std::uint32_t> add(const Array<Vec3f>& position, const NeighborSearch& search,
                            Array<Vec3f>& normal);

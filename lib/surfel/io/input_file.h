@@ -23,8 +23,8 @@ class InputParts {
   virtual void expect(std::size_t offset, std::size_t size) const noexcept = 0;
 };
 
-/// The bytes of a file, of standard input, or of memory; of a store of levels of detail
-/// (level_store.h), which is a folder, those of the one file that it stands for. Regular files are
+/// The bytes of a file, of standard input, or of memory, or the bytes of the one file that a folder
+/// stands for, if it is a store of levels of detail (level_store.h). Regular files are
 /// read when their bytes are asked for and never mapped: a mapped file that another program cuts
 /// ends this one by a signal, where a read gives an error. Pipes are read to their end as long as
 /// the machine has memory for them.

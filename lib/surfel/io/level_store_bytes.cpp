@@ -217,7 +217,7 @@ void LevelStoreBytes::read_clusters(const Segment& segment, std::byte* to, std::
   const std::byte* const from =
       file->file.read_at(place(segment, *file) + first * cluster_stride_, records.size(), scratch);
   std::copy_n(from, records.size(), records.begin());
-  // The columns are those of tree_columns(): begin, count, first_child, child_count, level.
+  // In this order: begin, count, first_child, child_count, level.
   static const std::vector<RecordColumn> columns = tree_columns();
   for (std::size_t at = 0; at < records.size(); at += cluster_stride_) {
     std::byte* const record = records.data() + at;

@@ -82,8 +82,8 @@ SURFEL_API SurfelCloud build_hierarchy(const SurfelCloud& cloud, const Hierarchy
 ///                     bounds relative to the origin of `surfels`
 /// \param roots_level  level of detail of the roots: merged surfels get higher ones
 /// \return  for each tree the place of its root among the clusters of the finest level. The result
-/// depends on the order of the trees where their boxes have equal middles, and on that of surfels
-/// within a root. Throws Error(kUsage) for bad options.
+/// depends on the order of the trees where their boxes have equal middles, and on the order of the
+/// surfels within a root. Throws Error(kUsage) for bad options.
 SURFEL_API std::vector<std::size_t> join_hierarchies(
     const SurfelCloud& surfels, const ClusterTree& roots, std::size_t roots_level,
     const HierarchyOptions& options, LevelSink& sink, HierarchyReport* report = nullptr,

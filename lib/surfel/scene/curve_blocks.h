@@ -14,7 +14,7 @@ namespace surfel {
 
 /// Neighbouring surfels of a cloud in the order of morton_order().
 struct CurveBlock {
-  std::size_t begin = 0;  ///< Surfels of the cloud, those that cannot be drawn among them.
+  std::size_t begin = 0;  ///< Surfels of the cloud; also surfels that cannot be drawn.
   std::size_t end = 0;
   std::uint32_t count = 0;  ///< Surfels that can be drawn; one at least.
   /// Box around the positions of the surfels that can be drawn.
