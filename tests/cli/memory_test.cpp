@@ -115,7 +115,7 @@ TEST_F(Memory, TexturesAreTheSameByBlocks) {
 TEST_F(Memory, SystemsAreTheSameByBlocks) {
   expect_same({tool("surfel-texture"), files_.many, "--solid", "checker:20", "--fit", "render",
                "--points", "1", "--cutoff", "0.3", "-o", out_},
-              {"360M"});
+              {"560M"});
 }
 
 TEST_F(Memory, TexturesRefuseSystemsThatDoNotFit) {

@@ -170,7 +170,9 @@ TEST(FitBlocks, GramHasTheLambdaOfTheBlockThatNeedsMost) {
   const TextureFitReport at_once = fit_colors(whole, options);
   EXPECT_GT(at_once.system->lambda, 1e-6);
   const Fitted blocks = by_blocks(cloud, {}, options, {.most = kBlock});
-  EXPECT_NEAR(blocks.report.system->lambda, at_once.system->lambda, 0.1 * at_once.system->lambda);
+  // Stretches of the curve tell it first, with a margin of a quarter.
+  EXPECT_GT(blocks.report.system->lambda, 0.9 * at_once.system->lambda);
+  EXPECT_LT(blocks.report.system->lambda, 1.4 * at_once.system->lambda);
 }
 
 TEST(FitBlocks, SurfelsWithoutAPlaceOrASizeStayFinite) {

@@ -398,6 +398,13 @@ Array<double> texture_integrals(const SurfelCloud& cloud, const SurfelBasis& bas
   return integrals;
 }
 
+double gram_lambda(const SurfelBasis& basis, const TextureFitOptions& options) {
+  GramSystem gram = make_gram_system(basis);
+  SystemReport report;
+  GramFit(gram, options).choose_lambda(report);
+  return report.lambda;
+}
+
 // SS01 (11), R w = c, in the coefficients x = S^-1 w of kernels scaled to a unit diagonal.
 void fit_gram(SurfelCloud& cloud, const SurfelBasis& basis, const Array<double>& integrals,
               const TextureFitOptions& options, TextureFitReport& report) {
@@ -416,7 +423,6 @@ void fit_gram(SurfelCloud& cloud, const SurfelBasis& basis, const Array<double>&
   fit.choose_lambda(system);
   timer.end("condition");
   tell(options, 0.5);
-  if (options.part && options.part->only_lambda) return;
 
   Array<Channels> w = coefficients_of(cloud, basis, report.alpha);
   fit.solve(weights, report.alpha ? 4 : 3, w, system);

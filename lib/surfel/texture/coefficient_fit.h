@@ -17,6 +17,9 @@ namespace surfel {
 Array<double> texture_integrals(const SurfelCloud& cloud, const SurfelBasis& basis,
                                 const TextureSet& textures, const TextureFitOptions& options);
 
+/// The lambda by which fit_gram() makes R definite, relative to the mean of its diagonal.
+double gram_lambda(const SurfelBasis& basis, const TextureFitOptions& options);
+
 /// Replaces the cloud's coefficients w_ewa (and alpha, where report.alpha is set) by the solution
 /// of R w = c [SS01 (11)], pulled towards w_ewa by lambda.
 /// \param integrals  c_k / w_ewa of every function: texture_integrals(); empty: (R 1)_k, for

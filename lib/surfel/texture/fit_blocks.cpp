@@ -25,10 +25,10 @@ namespace {
 
 /// Widths of halos, in reaches of kernels.
 constexpr double kRenderHalo = 12;
-constexpr double kGramHalo = 24;
+constexpr double kGramHalo = 18;
 /// A kernel's weights depend on what lies so many reaches around it.
 constexpr double kMeasuredHalo = 6;
-/// Stretches of the curve that tell the weights of kRender, and surfels of each.
+/// Stretches of the curve that tell the weights of the whole, and surfels of each.
 constexpr std::size_t kStretches = 64;
 constexpr std::size_t kStretch = 512;
 /// A kernel that is this many times as large as the mean of those beside it along the curve counts
@@ -37,6 +37,11 @@ constexpr double kMostUneven = 4;
 /// A lambda that is too low by this share of the least eigenvalue changes no coefficient by more
 /// than as much.
 constexpr double kLambdaSlack = 1e-3;
+/// Below this lambda a Gram matrix is definite but for rounding. Lambda then bounds the condition
+/// alone, and is taken this many times as large as the stretches need it, so that blocks, whose
+/// estimates of eigenvalues differ a little, seldom need more.
+constexpr double kDefiniteLambda = 1e-3;
+constexpr double kLambdaMargin = 1.25;
 
 /// The larger standard deviation of a surfel; 0 where it is not usable.
 double larger_deviation(const SurfelCloud& cloud, std::size_t k) {
@@ -102,7 +107,11 @@ class BlockFitter {
 
   TextureFitReport run(const std::vector<CurveBlock>& blocks, SurfelSink& sink) {
     if (source_.textures) load(blocks);
-    if (render_) measure();
+    if (render_) {
+      measure();
+    } else if (!options_.lambda) {
+      least_lambda_ = lambda_of_stretches();
+    }
     for (std::uint64_t round = 0;; ++round) {
       if (void_round(round)) continue;
       TextureFitReport report;
@@ -142,7 +151,13 @@ class BlockFitter {
     return fit_coefficients(piece.cloud, source_, options, name_);
   }
 
-  /// Calls visit(begin, end) for the stretches that tell the weights of kRender.
+  double lambda_of(const Piece& piece) const {
+    TextureFitOptions options = options_;
+    options.part = piece.part;
+    return gram_lambda(piece.cloud, source_.textures != nullptr, options, name_);
+  }
+
+  /// Calls visit(begin, end) for the stretches that tell the weights of the whole.
   template <class Visit>
   void for_stretches(const Visit& visit) const {
     const std::size_t length = std::min(kStretch, cloud_.size());
@@ -186,6 +201,15 @@ class BlockFitter {
     whole_ = sum;
   }
 
+  /// The largest lambda that a stretch needs: what most clouds need, so that few are fitted twice.
+  double lambda_of_stretches() {
+    double lambda = 0;
+    for_stretches([&](std::size_t begin, std::size_t end) {
+      lambda = std::max(lambda, lambda_of(piece(begin, end, measured_scale())));
+    });
+    return lambda < kDefiniteLambda ? kLambdaMargin * lambda : lambda;
+  }
+
   std::string lambda_state() const {
     std::string state;
     append_bytes(least_lambda_, state);
@@ -210,31 +234,38 @@ class BlockFitter {
     ProgressStage stage("fitting", cloud_.size(), "surfels");
     for (std::size_t b = 0; b < blocks.size(); ++b) {
       const CurveBlock& block = blocks[b];
-      const bool only_lambda = lambda > most_lambda;
-      const std::uint64_t part = round * blocks.size() + b;
-      std::optional<TextureFitReport> fitted;
-      if (checkpoints_ && !only_lambda) {
-        const std::optional<std::string> state = checkpoints_->finished(part);
-        if (state) fitted = kept_report(*state);
+      if (lambda > most_lambda) {  // The round is void: what is left tells the next one's lambda.
+        lambda = std::max(lambda, lambda_of(piece(block.begin, block.end)));
+      } else {
+        const TextureFitReport fitted = fit(round * blocks.size() + b, block, lambda, sink);
+        if (!render_ && !options_.lambda) {
+          const SystemReport& system = *fitted.system;
+          lambda = std::max(lambda, system.lambda);
+          most_lambda = std::min(most_lambda, system.lambda + kLambdaSlack * system.eigen_min);
+        }
+        report.add(fitted);
       }
-      if (!fitted) {
-        Piece of = piece(block.begin, block.end);
-        of.part.whole = whole_;
-        of.part.least_lambda = lambda;
-        of.part.only_lambda = only_lambda;
-        fitted = fit(of);
-        if (!only_lambda) keep(part, block, of, *fitted, sink);
-      }
-      if (!render_ && !options_.lambda) {
-        const SystemReport& system = *fitted->system;
-        lambda = std::max(lambda, system.lambda);
-        most_lambda = std::min(most_lambda, system.lambda + kLambdaSlack * system.eigen_min);
-      }
-      report.add(*fitted);
       stage.add(block.end - block.begin);
     }
     least_lambda_ = lambda;
     return lambda <= most_lambda;
+  }
+
+  /// Fits a block with at least that lambda, or takes what an earlier run has kept of it.
+  TextureFitReport fit(std::uint64_t part, const CurveBlock& block, double least_lambda,
+                       SurfelSink& sink) const {
+    if (checkpoints_) {
+      const std::optional<std::string> state = checkpoints_->finished(part);
+      if (std::optional<TextureFitReport> kept = state ? kept_report(*state) : std::nullopt) {
+        return *std::move(kept);
+      }
+    }
+    Piece of = piece(block.begin, block.end);
+    of.part.whole = whole_;
+    of.part.least_lambda = least_lambda;
+    TextureFitReport fitted = fit(of);
+    keep(part, block, of, fitted, sink);
+    return fitted;
   }
 
   void begin(SurfelSink& sink) const {

@@ -40,7 +40,7 @@ SURFEL_API std::string state_of(const TextureFitReport& report);
 SURFEL_API std::optional<TextureFitReport> kept_report(const std::string& state);
 
 struct FitBlockOptions {
-  std::size_t most = std::size_t{1} << 16;  ///< Surfels of a block, >= 1.
+  std::size_t most = std::size_t{1} << 17;  ///< Surfels of a block, >= 1.
   /// Width of the halo, in reaches of kernels: sqrt(2 c V), c being the cutoff of kRender, and 1
   /// of kGram. 0: wide enough for the coefficients to differ from the whole's by no more than the
   /// solver's tolerance leaves, see docs/texture.md.
@@ -70,9 +70,9 @@ SURFEL_API std::uint64_t fit_block_bytes(std::size_t surfels, std::size_t row_by
 /// distance, so that the result is nearly the one of fit_coefficients(), and borders of blocks
 /// cannot be seen. The same for any memory and any number of threads.
 ///
-/// The weights that are one number for the whole cloud are one number here: kRender takes them
-/// from 64 stretches of the curve, kGram the largest lambda that any block needs, for which all
-/// blocks are fitted again where a later block needs more.
+/// The weights that are one number for the whole cloud are one number here, which 64 stretches of
+/// the curve tell; kGram needs the largest lambda of any block, for which all blocks are fitted
+/// again where a later block needs more than the stretches.
 ///
 /// \param sink  gets the blocks along the curve, and all of them anew where they are fitted again.
 /// Returns false, before anything comes to the sink, where the cloud is not in the order of

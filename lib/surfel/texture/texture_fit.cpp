@@ -269,6 +269,15 @@ void load_requested(TextureSet& textures) {
   textures.loaded = true;
 }
 
+double gram_lambda(const SurfelCloud& cloud, bool textured, const TextureFitOptions& options,
+                   const std::string& name) {
+  check_kernels_present(cloud, name);
+  SurfelBasis basis = make_basis(cloud, options.part.has_value());
+  require_bounded_overlap(basis, fit_reach(options), name);
+  if (textured) leave_out_without_uv(cloud, basis);
+  return gram_lambda(basis, options);
+}
+
 TextureFitReport fit_texture(SurfelCloud& cloud, TextureSet& textures,
                              const TextureFitOptions& options, const std::string& name) {
   require_usable(options);

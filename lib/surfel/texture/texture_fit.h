@@ -54,8 +54,6 @@ struct FittedPart {
   RenderMeasure whole{};
   /// kGram: the least that an automatic lambda is.
   double least_lambda = 0;
-  /// kGram: lambda is chosen, and nothing is solved.
-  bool only_lambda = false;
 
   bool owns(std::size_t surfel) const { return surfel >= begin && surfel < end; }
 };
@@ -192,6 +190,13 @@ struct SURFEL_API TextureFitReport {
 /// \param first  number of the first surfel in its file, for messages
 SURFEL_API void check_textured(const SurfelCloud& cloud, const TextureSet& textures,
                                const std::string& name, std::size_t first = 0);
+
+/// The lambda that kGram chooses for these surfels, relative to the mean of the diagonal.
+/// \param textured  surfels without uv are left out
+/// Throws as fit_colors() does where kernels are missing.
+SURFEL_API double gram_lambda(const SurfelCloud& cloud, bool textured,
+                              const TextureFitOptions& options,
+                              const std::string& name = "surfels");
 
 /// For clouds that come piece by piece: announces the kernels of a piece to the maps. Once all are
 /// announced and load_requested() was called, fit_texture() by kEwa gives the surfels of a piece
