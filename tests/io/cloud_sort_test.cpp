@@ -90,6 +90,30 @@ TEST(CloudSort, TheOrderIsTheReadersAndTheBytesDoNotDependOnMemory) {
   }
 }
 
+TEST(CloudSort, TheOrderIsTheReadersWhereStepsAreFinerThanFloats) {
+  // Bounds are rounded with each piece of the file, all points lie where cells of the curve's grid
+  // meet: the order is another one where the grid is not the reader's to the last bit.
+  const TemporaryFolder folder;
+  for (int shift = 1; shift <= 16; ++shift) {
+    SurfelCloud cloud;
+    LasStorage& las = cloud.las.emplace();
+    las.scale = Vec3d::Constant(1e-7);
+    las.offset = Vec3d(5000, 0, 5000);
+    cloud.origin = las.offset + Vec3d::Constant(1e-7 * 12'347 * shift);
+    const auto at = [&](int n) { return 0.032F * static_cast<float>(n - 64); };
+    for (int i = 0; i <= 128; ++i) {
+      for (int k = 0; k <= 128; ++k) cloud.position.emplace_back(at(i), at((i + k) % 16), at(k));
+    }
+    write_cloud(cloud, folder / "points.las");
+    sort_file(folder / "points.las", folder / "sorted.ply", {.memory = kMuch});
+    const auto sorted = CloudRanges::open(folder / "sorted.ply");
+    ASSERT_TRUE(sorted);
+    const Array<Vec3f> position = sorted->positions(0, sorted->size());
+    const Array<std::uint32_t> order = morton_order(position, sorted->grid());
+    for (std::uint32_t i = 0; i < order.size(); ++i) ASSERT_EQ(order[i], i) << shift;
+  }
+}
+
 TEST(CloudSort, PointsAtOnePlaceKeepTheirOrder) {
   const TemporaryFolder folder;
   SurfelCloud cloud = make_points(1000, {0, 0, 0}, false);

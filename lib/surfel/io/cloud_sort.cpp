@@ -56,34 +56,6 @@ struct CurvePlace {
   }
 };
 
-/// Where positions stand in records.
-class RecordPositions {
- public:
-  explicit RecordPositions(const CloudRecords& records) : stride_(records.stride()) {
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-      const RecordColumn& column = records.columns()[axis];
-      offset_[axis] = column.offset;
-      doubles_ = column.type == ScalarType::kFloat64;
-    }
-  }
-  /// In world coordinates.
-  Vec3d operator()(const std::byte* records, std::size_t i) const {
-    const std::byte* const record = records + i * stride_;
-    Vec3d p;
-    for (int axis = 0; axis < 3; ++axis) {
-      const std::byte* const at = record + offset_[axis];
-      p[axis] = doubles_ ? load_scalar<double, false>(at)
-                         : static_cast<double>(load_scalar<float, false>(at));
-    }
-    return p;
-  }
-
- private:
-  std::size_t stride_;
-  std::array<std::size_t, 3> offset_{};
-  bool doubles_ = false;
-};
-
 /// A part of the curve: its records in the order in which they came, in the scratch file first,
 /// then in memory.
 struct Part {
@@ -161,12 +133,11 @@ struct SortedCloudWriter::Impl {
 
 /// The origin and the grid that a reader of the file will find.
 void SortedCloudWriter::Impl::place(const CloudSurvey& survey, const SurfelCloud& like) {
-  if (survey.box.empty()) return;
+  const Bounds box = survey.written_box(like);
+  if (box.empty()) return;
   const bool doubles = CloudRecords(like, {}).columns().front().type == ScalarType::kFloat64;
-  origin = place_points(survey.box, like.las.has_value(), doubles ? survey.decimals : std::nullopt)
-               .origin;
-  grid =
-      MortonGrid((survey.box.min - origin).cast<float>(), (survey.box.max - origin).cast<float>());
+  origin = place_points(box, like.las.has_value(), doubles ? survey.decimals : std::nullopt).origin;
+  grid = MortonGrid((box.min - origin).cast<float>(), (box.max - origin).cast<float>());
 }
 
 /// Cuts the curve so that parts have about as many surfels as each other.

@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <optional>
 #include <string_view>
 #include <vector>
 
@@ -25,15 +26,41 @@ bool is_placed_apart(std::string_view name) {
   return std::find(kNames.begin(), kNames.end(), name) != kNames.end();
 }
 
+/// The rows of the least and the largest finite coordinates; none where no position is finite.
+Array<std::uint32_t> outermost_rows(const SurfelCloud& cloud) {
+  std::array<std::optional<std::uint32_t>, 6> found;
+  for (std::uint32_t i = 0; i < cloud.size(); ++i) {
+    const Vec3f& p = cloud.position[i];
+    if (!p.allFinite()) continue;
+    for (int axis = 0; axis < 3; ++axis) {
+      std::optional<std::uint32_t>& least = found[2 * axis];
+      std::optional<std::uint32_t>& most = found[2 * axis + 1];
+      if (!least || p[axis] < cloud.position[*least][axis]) least = i;
+      if (!most || p[axis] > cloud.position[*most][axis]) most = i;
+    }
+  }
+  Array<std::uint32_t> rows;
+  for (const auto& row : found) {
+    if (row) rows.push_back(*row);
+  }
+  return rows;
+}
+
 }  // namespace
 
 CloudSurvey::CloudSurvey(const std::string& path) : with_ranges_(is_las_name(path)) {}
 
 void CloudSurvey::add(const SurfelCloud& piece) {
-  const Bounds bounds = piece.bounds();
-  if (!bounds.empty()) {
+  const SurfelCloud outermost = piece.gathered(outermost_rows(piece));
+  if (!outermost.empty()) {
+    const Bounds bounds = outermost.bounds();
     box.add(bounds.min);
     box.add(bounds.max);
+    const CloudRecords records(outermost, {});
+    const RecordPositions positions(records);
+    Array<std::byte> bytes(outermost.size() * records.stride());
+    records.encode(0, outermost.size(), bytes.data());
+    for (std::size_t i = 0; i < outermost.size(); ++i) rounded_box_.add(positions(bytes.data(), i));
   }
   if (!nowhere) {
     const auto first = std::find_if(piece.position.begin(), piece.position.end(),
@@ -57,6 +84,10 @@ void CloudSurvey::add(const SurfelCloud& piece) {
 void CloudSurvey::settle(SurfelCloud& piece) const {
   piece.decimals = decimals;
   piece.double_positions = piece.double_positions || !float_positions;
+}
+
+const Bounds& CloudSurvey::written_box(const SurfelCloud& like) const {
+  return like.las || like.decimals ? rounded_box_ : box;
 }
 
 void CloudSurvey::add_ranges(const SurfelCloud& piece) {

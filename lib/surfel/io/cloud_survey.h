@@ -28,6 +28,10 @@ class SURFEL_API CloudSurvey {
   void add(const SurfelCloud& piece);
   /// Gives a piece the types of coordinates that fit all pieces.
   void settle(SurfelCloud& piece) const;
+  /// Bounds of the finite positions as they stand in a file, rounded to decimals or to the steps of
+  /// LAS.
+  /// \param like  a piece that was settled
+  const Bounds& written_box(const SurfelCloud& like) const;
 
   std::uint64_t count = 0;
   Bounds box;  ///< Of the finite positions, world coordinates.
@@ -40,6 +44,7 @@ class SURFEL_API CloudSurvey {
  private:
   void add_ranges(const SurfelCloud& piece);
   bool with_ranges_;
+  Bounds rounded_box_;
 };
 
 }  // namespace surfel

@@ -238,4 +238,23 @@ void CloudRecords::encode(std::size_t begin, std::size_t end, std::byte* out) co
   for (const auto& column : encode_) column(begin, end, out);
 }
 
+RecordPositions::RecordPositions(const CloudRecords& records) : stride_(records.stride()) {
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const RecordColumn& column = records.columns()[axis];
+    offset_[axis] = column.offset;
+    doubles_ = column.type == ScalarType::kFloat64;
+  }
+}
+
+Vec3d RecordPositions::operator()(const std::byte* records, std::size_t i) const {
+  const std::byte* const record = records + i * stride_;
+  Vec3d p;
+  for (int axis = 0; axis < 3; ++axis) {
+    const std::byte* const at = record + offset_[axis];
+    p[axis] = doubles_ ? load_scalar<double, false>(at)
+                       : static_cast<double>(load_scalar<float, false>(at));
+  }
+  return p;
+}
+
 }  // namespace surfel

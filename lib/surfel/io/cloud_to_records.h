@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <functional>
 #include <string>
@@ -55,6 +56,20 @@ class CloudRecords {
   std::size_t stride_ = 0;
   /// For each column, a function that fills it in the records [begin, end), which start at `out`.
   std::vector<std::function<void(std::size_t begin, std::size_t end, std::byte* out)>> encode_;
+};
+
+/// Reads the coordinates back from records that CloudRecords has made.
+class RecordPositions {
+ public:
+  explicit RecordPositions(const CloudRecords& records);
+
+  /// Of the i-th of some records, in world coordinates.
+  Vec3d operator()(const std::byte* records, std::size_t i) const;
+
+ private:
+  std::size_t stride_;
+  std::array<std::size_t, 3> offset_{};
+  bool doubles_ = false;
 };
 
 }  // namespace surfel
