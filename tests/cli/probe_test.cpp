@@ -36,9 +36,10 @@ class Probe : public testing::Test {
 TEST_F(Probe, HelpNamesOptionsWithDefaults) {
   const RunResult result = probe({"--help"});
   EXPECT_EQ(result.exit_code, 0);
-  for (const char* part : {"--threads", "--config", "--print-config", "--quiet", "--verbose",
-                           "--no-clobber", "--stats", "--version", "--spacing FLOAT=0.01",
-                           "--eye N,N,N=0,0,3", "--size WxH=640x480", "--ending NAME=done"}) {
+  for (const char* part :
+       {"--threads", "--config", "--print-config", "--manual", "--quiet", "--verbose",
+        "--no-clobber", "--stats", "--version", "--spacing FLOAT=0.01", "--eye N,N,N=0,0,3",
+        "--size WxH=640x480", "--ending NAME=done"}) {
     EXPECT_TRUE(contains(result.output, part)) << part << "\n" << result.output;
   }
   EXPECT_EQ(result.errors, "");

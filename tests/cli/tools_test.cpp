@@ -167,6 +167,45 @@ TEST_P(EveryTool, HelpHasTheEverydayOptionsAndThreeExamplesThatAreUnderstood) {
   }
 }
 
+TEST_P(EveryTool, HasAManualPageWithAllOptions) {
+  const std::string path = tool(GetParam().name);
+  const RunResult manual = run({path, "--manual"});
+  ASSERT_EQ(manual.exit_code, 0) << manual.errors;
+  EXPECT_TRUE(manual.output.starts_with(".TH "));
+  const Words every = lines_with(run({path, "--help-all"}).output, "  -");
+  EXPECT_EQ(lines_with(manual.output, "\\fB\\-").size(), every.size());
+  EXPECT_EQ(lines_with(manual.output, GetParam().name.substr(0, 6) + "\\-").size(), 4U)
+      << "the name, and three examples";
+}
+
+TEST_P(EveryTool, LetsShellsCompleteItsOptions) {
+  const std::string path = tool(GetParam().name);
+  std::string function = "_" + GetParam().name;
+  std::replace(function.begin(), function.end(), '-', '_');
+  // As bash asks for what may follow the words, the last of which is not finished.
+  const auto completed = [&](const std::string& words) {
+    const RunResult result = run({"bash", "-c",
+                                  "eval \"$(" + path + " --completion bash)\"; COMP_WORDS=(" +
+                                      words + "); COMP_CWORD=$((${#COMP_WORDS[@]} - 1)); " +
+                                      function + "; echo \"${COMPREPLY[*]}\""});
+    EXPECT_EQ(result.exit_code, 0) << result.errors;
+    EXPECT_EQ(result.errors, "");
+    return result.output;
+  };
+  EXPECT_EQ(completed("x --progress ''"), "auto none json\n");
+  EXPECT_EQ(completed("x --progress j"), "json\n");
+  EXPECT_EQ(completed("x --no-c"), "--no-clobber\n");
+  EXPECT_EQ(completed("x --stats ''"), "\n");
+  EXPECT_EQ(completed("x ''"), "\n");
+  const RunResult zsh = run({path, "--completion", "zsh"});
+  EXPECT_TRUE(zsh.output.starts_with("#compdef " + GetParam().name + "\n"));
+  EXPECT_TRUE(contains(zsh.output,
+                       "  '--progress[Progress of what takes longer than a second, on "
+                       "standard error]:NAME:(auto none json)' \\\n"));
+  EXPECT_TRUE(contains(run({path, "--completion", "fish"}).output,
+                       "complete -c " + GetParam().name + " -l progress -x -a 'auto none json' "));
+}
+
 TEST_P(EveryTool, StartsWithoutHeavyLibraries) {
   // What the dynamic linker would load at the start; plug-ins come later, if they are needed.
   const RunResult loaded =

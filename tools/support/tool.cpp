@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <new>
 #include <optional>
+#include <string_view>
 #include <system_error>
 
 #include <fmt/format.h>
@@ -23,6 +24,7 @@
 #include <unistd.h>
 
 #include "tools/support/config_file.h"
+#include "tools/support/option_pages.h"
 #include "tools/support/progress_display.h"
 #include "tools/support/standard_error.h"
 
@@ -115,6 +117,8 @@ struct Tool::Impl {
   RunFiles files{app};
   CommonOptions common;
   bool print_config = false;
+  bool manual = false;
+  std::optional<Shell> completion;
   std::uint64_t most_pixels = most_image_pixels();
   bool follows = false;  ///< See follow().
   nlohmann::json report = nlohmann::json::object();
@@ -161,6 +165,14 @@ void Tool::Impl::add_common_options() {
   app.add_flag("--print-config", print_config, "Print the settings in force as TOML and exit")
       ->configurable(false)
       ->group(group);
+  app.add_flag("--manual", manual, "Print the manual page, for man, and exit")
+      ->configurable(false)
+      ->group(group);
+  add_choice(app, "--completion", completion,
+             {{"bash", Shell::kBash}, {"zsh", Shell::kZsh}, {"fish", Shell::kFish}},
+             "Print the script that lets a shell complete options, and exit")
+      ->configurable(false)
+      ->group(group);
   app.add_flag("--quiet", common.quiet, "Print errors only")->group(group);
   app.add_flag("--verbose", common.verbose, "Print details")->group(group);
   add_choice(
@@ -197,10 +209,11 @@ std::vector<std::string> words_of(int argc, char** argv) {
 
 /// False if the run ends here: help, version or settings were printed.
 bool Tool::Impl::parse(int argc, char** argv) {
-  const bool only_settings = std::any_of(argv + std::min(argc, 1), argv + argc, [](const char* a) {
-    return std::strcmp(a, "--print-config") == 0;
+  const bool only_printed = std::any_of(argv + std::min(argc, 1), argv + argc, [](const char* a) {
+    const std::string_view word = a;
+    return word == "--print-config" || word == "--manual" || word.starts_with("--completion");
   });
-  if (only_settings) {
+  if (only_printed) {
     for (CLI::Option* option : app.get_options()) option->required(false);
   }
   check_numbers(app);
@@ -225,7 +238,9 @@ bool Tool::Impl::parse(int argc, char** argv) {
     throw;
   }
   if (print_config) print(app.config_to_str());
-  return !print_config;
+  if (manual) print(manual_page(app, {name, version(), examples}));
+  if (completion) print(completion_script(app, name, *completion));
+  return !print_config && !manual && !completion;
 }
 
 /// The help with everyday options and examples alone.
@@ -344,12 +359,11 @@ void Tool::Impl::error(const std::string& text) {
 }
 
 void Tool::Impl::write_report(OutputFile& file, const Outcome& outcome) {
+  static const std::vector<std::string> kPrinting = {"help",         "help-all", "version",
+                                                     "print-config", "manual",   "completion"};
   nlohmann::json options = nlohmann::json::object();
   for (const CLI::Option* option : app.get_options()) {
-    if (option == app.get_help_ptr() || option == app.get_help_all_ptr() ||
-        plain_name(*option) == "version" || plain_name(*option) == "print-config") {
-      continue;
-    }
+    if (std::count(kPrinting.begin(), kPrinting.end(), plain_name(*option)) > 0) continue;
     nlohmann::json value = value_in_force(*option);
     if (!value.is_null()) options[plain_name(*option)] = std::move(value);
   }

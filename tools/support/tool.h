@@ -29,8 +29,8 @@ struct CommonOptions {
   std::string stats;  ///< JSON report; empty = none.
 };
 
-/// One executable: the common options (--threads, --config, --print-config, --quiet, --verbose,
-/// --progress, --no-clobber, --stats, --help, --help-all, --version), the configuration file,
+/// One executable: the common options (--threads, --config, --print-config, --manual,
+/// --completion, --quiet, --verbose, --progress, --no-clobber, --stats, --help, --help-all, --version), the configuration file,
 /// errors to exit codes, signals, the JSON report. A tool's main() declares its options on app()
 /// bound to the members of its options structs (whose initialisers are the defaults), then returns
 /// run():
