@@ -121,6 +121,9 @@ class Program {
   }
 }
 
+/** Pixels of which four layers take half a gigabyte. */
+const kManyPixels = 3e6;
+
 export const kModes = ['color', 'normal', 'depth', 'attribute'];
 
 export class Renderer {
@@ -192,6 +195,11 @@ export class Renderer {
     this.noVertices = gl.createVertexArray();
   }
 
+  /** Layers that a pixel can tell apart: a large picture has no memory for four. */
+  mostLayers(pixels) {
+    return pixels > kManyPixels ? 2 : 4;
+  }
+
   target(textures, depth = null) {
     const { gl } = this;
     const frame = gl.createFramebuffer();
@@ -222,15 +230,15 @@ export class Renderer {
       this.textures.push(texture);
       return texture;
     };
-    this.layers = [1, 2].map(() => {
+    this.layers = Array.from({ length: this.mostLayers(width * height) }, () => {
       const layer = { nearest: make(gl.RG32F), colors: make(this.sumFormat), normals: make(this.sumFormat) };
       layer.visibility = this.target([layer.nearest], this.depth);
       layer.attributes = this.target([layer.colors, layer.normals], this.depth);
       return layer;
     });
     this.color = make(gl.RGBA32F);
-    this.depths = make(gl.R32F);
-    this.composed = this.target([this.color, this.depths]);
+    this.sumsOfSides = make(gl.RGBA32F);
+    this.composed = this.target([this.color, this.sumsOfSides]);
     this.planes = [1, 2, 3].map(() => {
       const texture = make(gl.R32F);
       return { texture, frame: this.target([texture]) };
@@ -278,14 +286,16 @@ export class Renderer {
 
     const uniforms = { ...this.cameraUniforms(cloud, view), ...this.cloudUniforms(cloud, view) };
     uniforms.u_depth_scale = drawn.nearest;
-    const layers = view.fast ? 1 : 2;
-    for (let i = 0; i < layers; ++i) this.drawLayer(i, drawn, uniforms);
-    uniforms.u_two_layers = layers > 1;
-    this.layers.forEach((layer, i) => {
+    const layers = view.fast ? 1 : this.layers.length;
+    for (let i = 0; i < 4; ++i) {
+      const layer = this.layers[Math.min(i, this.layers.length - 1)];
       uniforms[`u_nearest${i + 1}`] = layer.nearest;
       uniforms[`u_colors${i + 1}`] = layer.colors;
       uniforms[`u_normals${i + 1}`] = layer.normals;
-    });
+    }
+    for (let i = 0; i < layers; ++i) this.drawLayer(i, drawn, uniforms);
+    uniforms.u_layers = layers;
+    uniforms.u_sums = this.sumsOfSides;
     this.fill(this.composite, this.composed, uniforms);
     if (!view.fast) this.findEdges(uniforms);
     this.finish(uniforms, view, x0, x1);
@@ -346,6 +356,7 @@ export class Renderer {
       u_depth_range: view.depthRange,
       u_full: weights.full,
       u_edge_weight: weights.edge,
+      u_mean: weights.mean,
       u_inv_mean: 1 / weights.mean,
       u_taps: weights.taps,
       u_reach: weights.reach,
@@ -354,27 +365,24 @@ export class Renderer {
     };
   }
 
-  /** Visibility and attributes of the first or of the second layer. */
+  /** Visibility and attributes of a layer: of the surfaces that those before do not hold. */
   drawLayer(number, drawn, uniforms) {
     const { gl } = this;
     const layer = this.layers[number];
-    const second = number === 1;
-    const values = {
-      ...uniforms,
-      u_second_layer: second,
-      u_before: second ? this.layers[0].nearest : this.nothing,
-      u_nearest: layer.nearest,
+    const values = { ...uniforms, u_layer: number, u_nearest: layer.nearest, u_takes_rest: number > 0 && number + 1 === this.layers.length };
+    // No texture may be read while it is drawn into.
+    for (let i = number; i < 4; ++i) values[`u_nearest${i + 1}`] = this.nothing;
+    const splats = () => {
+      gl.bindVertexArray(this.vertices);
+      gl.drawElementsInstanced(gl.TRIANGLES, 6 * drawn.most, gl.UNSIGNED_SHORT, 0, drawn.count);
     };
-    gl.bindVertexArray(this.vertices);
-    const splats = () => gl.drawElementsInstanced(gl.TRIANGLES, 6 * drawn.most, gl.UNSIGNED_SHORT, 0, drawn.count);
-    if (second) this.markOpen(uniforms);
+    if (number > 0) this.markOpen(number, uniforms);
     gl.bindFramebuffer(gl.FRAMEBUFFER, layer.visibility);
     gl.clearBufferfv(gl.COLOR, 0, [0, 0, 0, 0]);
     gl.depthMask(true);
     gl.clearBufferfv(gl.DEPTH, 0, [0]);
     gl.enable(gl.DEPTH_TEST);
     gl.depthFunc(gl.GREATER);
-    gl.bindVertexArray(this.vertices);
     this.nearest.use(values);
     splats();
     gl.disable(gl.DEPTH_TEST);
@@ -389,21 +397,22 @@ export class Renderer {
     gl.disable(gl.STENCIL_TEST);
   }
 
-  /** Leaves in the stencil the pixels of which something behind the first layer is seen. */
-  markOpen(uniforms) {
+  /** Leaves in the stencil the pixels of which something behind the layers before is seen. */
+  markOpen(number, uniforms) {
     const { gl } = this;
-    gl.bindFramebuffer(gl.FRAMEBUFFER, this.layers[1].visibility);
+    const before = this.layers[number - 1];
+    gl.bindFramebuffer(gl.FRAMEBUFFER, this.layers[number].visibility);
     gl.colorMask(false, false, false, false);
-    gl.depthMask(false);
-    gl.clearBufferiv(gl.STENCIL, 0, [0]);
     gl.enable(gl.STENCIL_TEST);
-    gl.stencilFunc(gl.ALWAYS, 1, 255);
-    gl.stencilOp(gl.KEEP, gl.KEEP, gl.REPLACE);
-    this.open.use({ ...uniforms, u_colors1: this.layers[0].colors, u_normals1: this.layers[0].normals });
+    if (number === 1) gl.clearBufferiv(gl.STENCIL, 0, [0]);
+    // Only pixels that were open before stay so.
+    gl.stencilFunc(gl.EQUAL, number - 1, 255);
+    gl.stencilOp(gl.KEEP, gl.KEEP, gl.INCR);
+    this.open.use({ ...uniforms, u_colors: before.colors, u_normals: before.normals });
     gl.bindVertexArray(this.noVertices);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
     gl.colorMask(true, true, true, true);
-    gl.stencilFunc(gl.EQUAL, 1, 255);
+    gl.stencilFunc(gl.EQUAL, number, 255);
     gl.stencilOp(gl.KEEP, gl.KEEP, gl.KEEP);
   }
 
@@ -445,6 +454,7 @@ export class Renderer {
     const { gl } = this;
     const value = new Float32Array(4);
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.layers[0].visibility);
+    gl.readBuffer(gl.COLOR_ATTACHMENT0);
     gl.readPixels(x, y, 1, 1, gl.RGBA, gl.FLOAT, value);
     return value[0];
   }

@@ -240,25 +240,30 @@ Sample splat() {
 }
 `;
 
-/** Fragments that the layer before does not hold: those behind it, or of its other side. */
+/** Fragments of surfaces that none of the layers before holds. */
 const kBehind = `
-uniform sampler2D u_before;  // Depth and flags of the layer before.
+uniform sampler2D u_nearest1, u_nearest2, u_nearest3;
+uniform int u_layer;  // Layers before.
+bool joins(sampler2D nearest, Sample s) {
+  vec2 first = texelFetch(nearest, ivec2(gl_FragCoord.xy), 0).xy;
+  bool same_side = ((int(first.y) ^ int(v_place.w)) & 1) == 0;
+  return first.y == 0.0 || (same_side && s.depth + s.epsilon >= first.x);
+}
 bool is_behind(Sample s) {
-  vec2 before = texelFetch(u_before, ivec2(gl_FragCoord.xy), 0).xy;
-  bool same_side = ((int(before.y) ^ int(v_place.w)) & 1) == 0;
-  return before.x > 0.0 && !(same_side && s.depth + s.epsilon >= before.x);
+  if (u_layer > 0 && joins(u_nearest1, s)) return false;
+  if (u_layer > 1 && joins(u_nearest2, s)) return false;
+  return u_layer < 3 || !joins(u_nearest3, s);
 }
 `;
 
 /** The visibility pass: the nearest fragment's depth, and the flags of its splat. */
 export const kNearestFragment = `${kHead}${kSample}${kBehind}
-uniform bool u_second_layer;
 uniform float u_depth_scale;
 layout(location = 0) out vec2 nearest;
 void main() {
   Sample s = splat();
   if (!(s.beta < u_cutoff)) discard;
-  if (u_second_layer && !is_behind(s)) discard;
+  if (!is_behind(s)) discard;
   gl_FragDepth = clamp(s.depth * u_depth_scale, 0.0, 1.0);
   nearest = vec2(s.depth, v_place.w + 64.0);
 }
@@ -266,8 +271,8 @@ void main() {
 
 /** The attribute pass: sums over the fragments of the nearest one's surface. */
 export const kSumFragment = `${kHead}${kSample}${kBehind}
-uniform bool u_second_layer;
 uniform sampler2D u_nearest;
+uniform bool u_takes_rest;  // The last layer holds all surfaces that are left.
 flat in vec4 v_color;
 flat in vec3 v_normal;
 layout(location = 0) out vec4 colors;   // rho alpha colour; rho.
@@ -277,8 +282,8 @@ void main() {
   if (!(s.beta < u_cutoff)) discard;
   vec2 nearest = texelFetch(u_nearest, ivec2(gl_FragCoord.xy), 0).xy;
   bool same_side = ((int(nearest.y) ^ int(v_place.w)) & 1) == 0;
-  if (!same_side || s.depth + s.epsilon < nearest.x) discard;
-  if (u_second_layer && !is_behind(s)) discard;
+  if (!u_takes_rest && (!same_side || s.depth + s.epsilon < nearest.x)) discard;
+  if (!is_behind(s)) discard;
   float rho = s.amplitude * exp(-s.beta);
   colors = rho * vec4(v_color.rgb, 1);
   normals = rho * vec4(v_normal, v_color.a);
@@ -291,51 +296,56 @@ void main() {
 }
 `;
 
-const kLayers = `
-uniform sampler2D u_nearest1, u_colors1, u_normals1, u_nearest2, u_colors2, u_normals2;
-uniform bool u_two_layers;
-uniform float u_full, u_edge_weight;
-
-struct Layer { float depth, weight, alpha; int flags; vec3 color, normal; };
-
-Layer layer_of(sampler2D nearest, sampler2D colors, sampler2D normals, ivec2 at) {
-  vec2 first = texelFetch(nearest, at, 0).xy;
-  vec4 color = texelFetch(colors, at, 0);
-  vec4 normal = texelFetch(normals, at, 0);
-  Layer l;
-  l.weight = first.y > 0.0 ? color.a : 0.0;
-  l.depth = first.x;
-  l.flags = int(first.y);
-  l.alpha = l.weight > 0.0 ? normal.a / l.weight : 0.0;
-  l.color = normal.a > 0.0 ? color.rgb / normal.a : vec3(0);
-  l.normal = normal.xyz;
-  return l;
-}
-`;
-
-/** Where the first layer leaves something of the pixel to what is behind it. */
+/** Where the latest layer leaves something of the pixel to what is behind it. */
 export const kOpenFragment = `${kHead}
-uniform sampler2D u_colors1, u_normals1;
+uniform sampler2D u_colors, u_normals;
 uniform float u_edge_weight;
 void main() {
   ivec2 at = ivec2(gl_FragCoord.xy);
-  float weight = texelFetch(u_colors1, at, 0).a;
-  float alpha = texelFetch(u_normals1, at, 0).a;
+  float weight = texelFetch(u_colors, at, 0).a;
+  float alpha = texelFetch(u_normals, at, 0).a;
   if (weight == 0.0 || (weight >= u_edge_weight && alpha >= 0.9995 * weight)) discard;
 }
 `;
 
 /** The third pass: divides, shades and composites. Colours are premultiplied. */
-export const kCompositeFragment = `${kHead}${kLayers}
-uniform int u_mode;
+export const kCompositeFragment = `${kHead}
+uniform sampler2D u_nearest1, u_nearest2, u_nearest3, u_nearest4;
+uniform sampler2D u_colors1, u_colors2, u_colors3, u_colors4;
+uniform sampler2D u_normals1, u_normals2, u_normals3, u_normals4;
+uniform int u_mode, u_layers;
 uniform bool u_lit, u_mapped;
+uniform float u_full, u_mean, u_edge_weight;
 uniform mat3 u_world_from_camera;
 uniform vec2 u_focal, u_center;
 uniform vec3 u_up, u_light, u_light_color, u_sky, u_ground;
 uniform vec2 u_depth_range;
 uniform sampler2D u_map;
 layout(location = 0) out vec4 color;
-layout(location = 1) out float depth;
+layout(location = 1) out vec4 sums;  // Of kernels, of backs and of fronts; the nearest depth.
+
+struct Layer { float depth, weight, alpha, cover; int flags; vec3 color, normal; };
+
+Layer layers[4];
+int count = 0;
+
+void add_layer(sampler2D nearest, sampler2D colors, sampler2D normals) {
+  ivec2 at = ivec2(gl_FragCoord.xy);
+  vec2 first = texelFetch(nearest, at, 0).xy;
+  if (first.y == 0.0) return;
+  vec4 color = texelFetch(colors, at, 0);
+  vec4 normal = texelFetch(normals, at, 0);
+  if (!(color.a > 0.0)) return;
+  Layer l;
+  l.weight = color.a;
+  l.depth = first.x;
+  l.flags = int(first.y);
+  l.alpha = normal.a / l.weight;
+  l.color = normal.a > 0.0 ? color.rgb / normal.a : vec3(0);
+  l.normal = normal.xyz;
+  l.cover = min(1.0, l.weight / u_full);
+  layers[count++] = l;
+}
 
 vec3 shade(Layer l) {
   if (u_mode == 2) {
@@ -356,56 +366,121 @@ vec3 shade(Layer l) {
   return l.color * diffuse;
 }
 
+bool is_front(Layer l) { return (l.flags & 1) != 0; }
+bool is_near(Layer a, Layer b) { return abs(a.depth - b.depth) <= 0.02 * abs(a.depth); }
+bool at_rims(Layer a, Layer b) { return (a.flags & b.flags & 4) != 0; }
+
+// Beyond the silhouette of a body the planes of its sides have crossed: its front is seen.
+void order_by_sight() {
+  for (int i = 0; i + 1 < count; ++i) {
+    Layer a = layers[i];
+    Layer b = layers[i + 1];
+    if (is_front(a) || !is_front(b)) continue;
+    if ((a.cover < 1.0 && b.cover < 1.0) || (at_rims(a, b) && is_near(a, b))) {
+      layers[i] = b;
+      layers[i + 1] = a;
+    }
+  }
+}
+
+// Parts of one surface that come as several layers cover the pixel by their sums.
+void share_by_sums() {
+  float total = 0.0;
+  for (int i = 0; i < count; ++i) total += layers[i].weight;
+  float several = 1.35 * u_mean;
+  float whole = total < several ? u_mean : u_edge_weight;
+  int first = 0;
+  for (int guard = 0; guard < 4 && first + 1 < count; ++guard) {
+    float sum = layers[first].weight;
+    float open = 1.0 - layers[first].cover;
+    int end = first + 1;
+    if ((layers[first].flags & 2) != 0 && sum < whole) {
+      for (; end < count; ++end) {
+        bool follows = (layers[end].flags & 2) != 0 && is_near(layers[end - 1], layers[end]) &&
+                       is_front(layers[end]) == is_front(layers[end - 1]);
+        if (!follows || sum + layers[end].weight >= several) break;
+        sum += layers[end].weight;
+        open *= 1.0 - layers[end].cover;
+      }
+    }
+    if (end - first > 1) {
+      float degree = clamp((1.35 - sum / u_mean) / 0.2, 0.0, 1.0);
+      float covered = max(1.0 - open, min(1.0, sum / u_edge_weight));
+      float transmitted = 1.0;
+      for (int i = first; i < end; ++i) {
+        float shared =
+            transmitted > 0.0 ? min(1.0, covered * layers[i].weight / sum / transmitted) : 1.0;
+        transmitted *= 1.0 - shared;
+        layers[i].cover += degree * (shared - layers[i].cover);
+      }
+    }
+    first = end;
+  }
+}
+
 void main() {
-  ivec2 at = ivec2(gl_FragCoord.xy);
-  Layer a = layer_of(u_nearest1, u_colors1, u_normals1, at);
+  add_layer(u_nearest1, u_colors1, u_normals1);
+  if (u_layers > 1) add_layer(u_nearest2, u_colors2, u_normals2);
+  if (u_layers > 2) add_layer(u_nearest3, u_colors3, u_normals3);
+  if (u_layers > 3) add_layer(u_nearest4, u_colors4, u_normals4);
   color = vec4(0);
-  depth = 0.0;
-  if (a.weight == 0.0) return;
-  depth = a.depth;
-  float cover_a = min(1.0, a.weight / u_full);
-  vec3 seen = shade(a);
-  Layer b = a;
-  b.weight = 0.0;
-  if (u_two_layers) b = layer_of(u_nearest2, u_colors2, u_normals2, at);
-  if (b.weight == 0.0) {
-    color = vec4(seen, 1) * (a.alpha * cover_a);
-    return;
+  sums = vec4(0);
+  if (count == 0) return;
+  sums.z = layers[0].depth;
+  sums.w = float(layers[0].flags);
+  for (int i = 0; i < count; ++i) {
+    bool shows_front = is_front(layers[i]);
+    sums.xy += layers[i].weight * vec2(!shows_front, shows_front);
   }
-  float cover_b = min(1.0, b.weight / u_full);
-  vec3 behind = shade(b);
-  bool front_a = (a.flags & 1) != 0;
-  bool front_b = (b.flags & 1) != 0;
-  bool rim = (a.flags & 4) != 0 && (b.flags & 4) != 0;
-  // The two sides of a body at its silhouette: the front is seen, and both cover the same part.
-  bool near = abs(a.depth - b.depth) <= 0.02 * a.depth;
-  if (front_a != front_b && (rim || near)) {
-    float alpha = (front_a ? a.alpha : b.alpha) * max(cover_a, cover_b);
-    color = vec4(front_a ? seen : behind, 1) * alpha;
-    return;
+  order_by_sight();
+  share_by_sums();
+  // The sides of a body cover the same part of the pixel at its silhouette.
+  float front = 0.0;
+  float back = 0.0;
+  float before = 1.0;
+  float after = 1.0;
+  int last_front = -1;
+  vec3 front_color = vec3(0);
+  for (int i = 0; i < count; ++i) {
+    Layer l = layers[i];
+    vec3 shown = shade(l);
+    float transmitted = 1.0 - color.a;
+    float cover = l.cover;
+    if (is_front(l)) {
+      bool another = back > 0.0 || front >= 1.0;
+      if (another || front == 0.0) before = transmitted;
+      front = another ? cover : front + (1.0 - front) * cover;
+      back = 0.0;
+      last_front = i;
+      front_color = shown;
+    } else if (last_front >= 0 && front > 0.0 && at_rims(layers[last_front], l)) {
+      if (back == 0.0) after = transmitted;
+      float joint = back + (1.0 - back) * cover;
+      float beyond = max(0.0, joint - max(front, back));
+      float hidden = (cover - beyond) * (1.0 - (1.0 - after / before) / front);
+      back = joint;
+      float independent = cover * transmitted;
+      if (independent > 0.0) {
+        float share = min(1.0, (beyond + hidden) * before / independent);
+        float others = min(share, beyond * before / independent);
+        shown = share > 0.0 ? mix(shown, front_color, others / share) : shown;
+        cover *= share;
+      }
+    }
+    color += transmitted * cover * l.alpha * vec4(shown, 1);
   }
-  float alpha_a = a.alpha * cover_a;
-  float alpha_b = b.alpha * cover_b * (1.0 - alpha_a);
-  color = vec4(seen * alpha_a + behind * alpha_b, alpha_a + alpha_b);
 }
 `;
 
 /** Sums over their mean, filtered along rows: EdgeCoverage of surfel-render. */
-export const kSumsFragment = `${kHead}${kLayers}
+export const kSumsFragment = `${kHead}
+uniform sampler2D u_sums;
 uniform float u_inv_mean;
 uniform vec3 u_taps;
 uniform ivec2 u_last;
 layout(location = 0) out float smooth_sum;
 float sum_at(int x) {
-  ivec2 at = ivec2(clamp(x, 0, u_last.x), int(gl_FragCoord.y));
-  vec2 first = texelFetch(u_nearest1, at, 0).xy;
-  if (first.y == 0.0) return 0.0;
-  vec2 sides = vec2(0);
-  sides[int(first.y) & 1] += texelFetch(u_colors1, at, 0).a;
-  if (u_two_layers) {
-    vec2 second = texelFetch(u_nearest2, at, 0).xy;
-    if (second.y > 0.0) sides[int(second.y) & 1] += texelFetch(u_colors2, at, 0).a;
-  }
+  vec2 sides = texelFetch(u_sums, ivec2(clamp(x, 0, u_last.x), int(gl_FragCoord.y)), 0).xy;
   return min(1.0, max(sides.x, sides.y) * u_inv_mean);
 }
 void main() {
@@ -448,7 +523,7 @@ void main() {
 
 /** Opacities at edges, the background, and codes of sRGB. */
 export const kFinalFragment = `${kHead}
-uniform sampler2D u_color, u_smooth, u_least, u_sharpen, u_nearest1, u_relief;
+uniform sampler2D u_color, u_smooth, u_least, u_sharpen, u_sums, u_relief;
 uniform bool u_edges, u_has_relief;
 uniform int u_reach, u_height;
 uniform ivec2 u_last, u_offset;
@@ -478,7 +553,7 @@ void main() {
   ivec2 at = ivec2(gl_FragCoord.xy) - u_offset;
   at.y = u_height - 1 - at.y;
   vec4 seen = texelFetch(u_color, at, 0);
-  float flags = texelFetch(u_nearest1, at, 0).y;
+  float flags = texelFetch(u_sums, at, 0).w;
   bool kept = flags > 0.0 && (int(flags) & 16) == 0;
   if (u_edges && !kept) {
     float low = 1.0;
