@@ -10,7 +10,7 @@ const kTableAcross = kWidth / 4;
 /** What is drawn: slots and numbers of surfels. */
 class DrawList {
   constructor() {
-    this.data = new Uint32Array(2048);
+    this.data = new Uint32Array(4096);
     this.clear();
   }
   clear() {

@@ -12,8 +12,12 @@ import { EmbeddedSource, ServedSource } from 'surfel/source.js';
 const find = (id) => document.getElementById(id);
 const page = JSON.parse(find('page').textContent);
 const kSettle = 180; // Milliseconds without a change after which the whole picture is drawn.
-const kSlowFrame = 60;
-const kFastFrame = 25;
+/** Longest wait for a whole picture. */
+const kPatience = 3000;
+const kWorst = 8; // Steps of quality below the best.
+const kSmallest = 4; // Steps after which pictures get no smaller.
+const kSlowFrame = 80;
+const kFastFrame = 35;
 /** Surfels that the graphics memory holds at once of a served file. */
 const kBudget = 6e6;
 
@@ -45,7 +49,8 @@ class Viewer {
     this.readSettings();
     this.home = this.firstCamera();
     this.camera = this.home.copy();
-    this.quality = 0;
+    this.quality = this.renderer.software ? kWorst : 0;
+    this.cost = 0; // Milliseconds of a surfel in a layer.
     this.lastChange = -Infinity;
     this.lastFrame = 0;
     this.scheduled = false;
@@ -145,24 +150,38 @@ class Viewer {
     this.lastFrame = now;
     const moving = this.controls.advance(Math.min(0.1, elapsed / 1000));
     if (moving) this.lastChange = now;
-    const fast = performance.now() - this.lastChange < kSettle;
-    if (fast && this.wasFast) this.adapt(elapsed);
-    this.wasFast = fast;
+    const still = performance.now() - this.lastChange >= kSettle;
+    // By the processor alone a whole picture takes long: better and better ones come before it.
+    if (!still) this.refined = this.renderer.software ? this.quality : 0;
+    const fast = !still || this.refined > 0;
+    if (still && fast) this.refined = Math.max(0, this.refined - 2);
+    if (!still && this.wasMoving) this.adapt(elapsed);
+    this.wasMoving = !still;
+    const quality = still ? this.refined : this.quality;
     const start = performance.now();
-    const missing = this.draw(fast);
-    if (!fast) this.renderer.wait();
-    this.tell(missing, performance.now() - start, fast);
-    if (moving) {
+    this.layers = fast ? 1 : this.affordableLayers();
+    const missing = this.draw(fast, quality);
+    if (!fast || this.renderer.software) this.renderer.wait();
+    const taken = performance.now() - start;
+    if (!fast || this.renderer.software) this.cost = taken / Math.max(1, this.drawnSurfels * this.layers);
+    this.tell(missing, taken, fast);
+    if (moving || (still && fast)) {
       this.schedule();
     } else if (fast) {
       setTimeout(() => this.schedule(), kSettle);
     }
   }
 
+  /** Layers of a pixel for which nobody waits too long. */
+  affordableLayers() {
+    const layer = this.cost * Math.max(...this.clouds.map(({ info }) => info.surfels));
+    return Math.max(1, Math.min(4, Math.floor(kPatience / Math.max(layer, 1))));
+  }
+
   /** Each step of quality below the best has half the surfels and half the pixels. */
   adapt(elapsed) {
     if (elapsed > 4 * kSettle) return;
-    if (elapsed > kSlowFrame) this.quality = Math.min(6, this.quality + 1);
+    if (elapsed > kSlowFrame) this.quality = Math.min(kWorst, this.quality + 1);
     if (elapsed < kFastFrame) this.quality = Math.max(0, this.quality - 1);
   }
 
@@ -194,9 +213,9 @@ class Viewer {
   }
 
   /** Draws the picture; returns how many clusters were missing. */
-  draw(fast) {
+  draw(fast, quality = this.quality) {
     const { settings, renderer, camera } = this;
-    const scale = fast ? Math.sqrt(0.5) ** this.quality : 1;
+    const scale = fast ? Math.sqrt(0.5) ** Math.min(quality, kSmallest) : 1;
     const size = this.wantedSize(scale);
     if (this.canvas.width !== size[0] || this.canvas.height !== size[1]) {
       [this.canvas.width, this.canvas.height] = size;
@@ -209,13 +228,13 @@ class Viewer {
     this.drawnSurfels = 0;
     for (const pane of this.panes(size[0])) {
       const { cloud, info, source } = pane;
-      const share = fast && !cloud.hasLevels ? 0.5 ** this.quality : 1;
+      const share = fast && !cloud.hasLevels ? 0.5 ** quality : 1;
       const lacking = cloud.choose(camera, size, { lodError: settings.lodError, share });
       missing += lacking.length;
       source.want(lacking);
       this.drawnSurfels += cloud.list.surfels;
       renderer.draw(cloud, cloud.list, {
-        camera, mode: pane.mode, lit: pane.lit, region: pane.region, background, fast,
+        camera, mode: pane.mode, lit: pane.lit, region: pane.region, background, fast, layers: this.layers,
         map: this.map, growth: 1 / share, opaque: info.opaque, lodError: settings.lodError,
         skyUp: camera.up, clip: this.clip(page.bounds), depthRange: this.depthRange(),
       });
@@ -243,6 +262,7 @@ class Viewer {
   }
 
   pick(x, y) {
+    this.layers = 1;
     this.draw(false);
     const [width, height] = this.renderer.size;
     const nearness = this.renderer.depthAt(Math.floor(x * width), Math.floor(y * height));
@@ -261,6 +281,7 @@ class Viewer {
 
   /** Leaves the picture in the document, for programs that look at it. */
   async capture() {
+    this.layers = 4;
     let missing = this.draw(false);
     while (missing > 0 || this.clouds.some(({ source }) => source.busy?.())) {
       await new Promise((resolve) => setTimeout(resolve, 5));
@@ -281,6 +302,9 @@ class Viewer {
   /** Milliseconds of a frame at best quality, and of one while moving. */
   measure(frames) {
     return [false, true].map((fast) => {
+      this.layers = fast ? 1 : 4;
+      this.draw(fast);
+      this.renderer.wait();
       const start = performance.now();
       for (let i = 0; i < frames; ++i) {
         this.camera.orbit(0.02, 0);

@@ -121,10 +121,19 @@ class Program {
   }
 }
 
+const kListWidth = 2048;
+
 /** Pixels of which four layers take half a gigabyte. */
 const kManyPixels = 3e6;
 
 export const kModes = ['color', 'normal', 'depth', 'attribute'];
+
+/** Whether the pictures are made by the processor. */
+function isSoftware(gl) {
+  const names = gl.getExtension('WEBGL_debug_renderer_info');
+  const name = gl.getParameter(names ? names.UNMASKED_RENDERER_WEBGL : gl.RENDERER);
+  return /swiftshader|llvmpipe|softpipe|software|basic render/i.test(name);
+}
 
 export class Renderer {
   /** Throws where the browser lacks what is needed, with a message for the reader. */
@@ -140,10 +149,13 @@ export class Renderer {
     this.canvas = canvas;
     this.sumFormat = gl.getExtension('EXT_float_blend') ? gl.RGBA32F : gl.RGBA16F;
     this.weights = new Weights(1, 1);
-    const splats = (fragment) => new Program(gl, shaders.kSplatVertex, fragment);
+    this.software = isSoftware(gl);
+    // Without a graphics processor vertices cost most, and points have a quarter of them.
+    this.points = this.software && gl.getParameter(gl.ALIASED_POINT_SIZE_RANGE)[1] >= 512;
+    const splats = (attributes, fragment) => new Program(gl, shaders.splatVertex(attributes), fragment);
     const screen = (fragment) => new Program(gl, shaders.kScreenVertex, fragment);
-    this.nearest = splats(shaders.kNearestFragment);
-    this.sum = splats(shaders.kSumFragment);
+    this.nearest = splats(false, shaders.kNearestFragment);
+    this.sum = splats(true, shaders.kSumFragment);
     this.open = screen(shaders.kOpenFragment);
     this.composite = screen(shaders.kCompositeFragment);
     this.sums = screen(shaders.kSumsFragment);
@@ -154,6 +166,8 @@ export class Renderer {
     this.sharpen = this.texture(gl.R32F, 513, 1, this.weights.sharpen);
     this.nothing = this.texture(gl.R32F, 1, 1, new Float32Array([1]));
     this.noShading = this.texture(gl.R32UI, 1, 1, new Uint32Array([0]));
+    this.list = this.texture(gl.RG32UI, kListWidth, 1);
+    this.listRows = 1;
     this.maps = new Map();
     this.size = [0, 0];
   }
@@ -193,6 +207,7 @@ export class Renderer {
     gl.vertexAttribDivisor(0, 1);
     gl.bindVertexArray(null);
     this.noVertices = gl.createVertexArray();
+    gl.vertexAttribI4ui(0, 0, 0, 0, 0); // The type that the programs have, where there is no array.
   }
 
   /** Layers that a pixel can tell apart: a large picture has no memory for four. */
@@ -269,7 +284,8 @@ export class Renderer {
    * Draws a cloud into a part of the canvas, from x0 to x1.
    * @param cloud  a GpuCloud.
    * @param drawn  its clusters to be drawn: slots and numbers of surfels, in pairs.
-   * @param view   camera, mode, lit, background (linear), map, growth, depthRange, clip, up.
+   * @param view   camera, mode, lit, background (linear), map, growth, depthRange, clip, skyUp, layers
+   *               of a pixel, fast: without antialiased edges, opaque, lodError, region.
    */
   draw(cloud, drawn, view) {
     const { gl, size } = this;
@@ -281,25 +297,45 @@ export class Renderer {
     gl.viewport(0, 0, width, height);
     gl.enable(gl.SCISSOR_TEST);
     gl.scissor(this.scissor[0], 0, this.scissor[1] - this.scissor[0], height);
-    gl.bindBuffer(gl.ARRAY_BUFFER, this.drawn);
-    gl.bufferData(gl.ARRAY_BUFFER, drawn.data.subarray(0, 2 * drawn.count), gl.DYNAMIC_DRAW);
+    if (this.points) {
+      this.putList(drawn);
+    } else {
+      gl.bindBuffer(gl.ARRAY_BUFFER, this.drawn);
+      gl.bufferData(gl.ARRAY_BUFFER, drawn.data.subarray(0, 2 * drawn.count), gl.DYNAMIC_DRAW);
+    }
 
     const uniforms = { ...this.cameraUniforms(cloud, view), ...this.cloudUniforms(cloud, view) };
     uniforms.u_depth_scale = drawn.nearest;
-    const layers = view.fast ? 1 : this.layers.length;
+    uniforms.u_list = this.list;
+    uniforms.u_most = Math.max(1, drawn.most);
+    const layers = Math.min(view.layers, this.layers.length);
     for (let i = 0; i < 4; ++i) {
       const layer = this.layers[Math.min(i, this.layers.length - 1)];
       uniforms[`u_nearest${i + 1}`] = layer.nearest;
       uniforms[`u_colors${i + 1}`] = layer.colors;
       uniforms[`u_normals${i + 1}`] = layer.normals;
     }
-    for (let i = 0; i < layers; ++i) this.drawLayer(i, drawn, uniforms);
+    for (let i = 0; i < layers; ++i) this.drawLayer(i, layers, drawn, uniforms);
     uniforms.u_layers = layers;
     uniforms.u_sums = this.sumsOfSides;
     this.fill(this.composite, this.composed, uniforms);
     if (!view.fast) this.findEdges(uniforms);
     this.finish(uniforms, view, x0, x1);
     gl.disable(gl.SCISSOR_TEST);
+  }
+
+  /** The clusters to be drawn, as a texture: instances of few points each would take longer. */
+  putList(drawn) {
+    const { gl } = this;
+    const rows = Math.ceil(drawn.data.length / 2 / kListWidth);
+    if (rows > this.listRows) {
+      gl.deleteTexture(this.list);
+      this.list = this.texture(gl.RG32UI, kListWidth, rows);
+      this.listRows = rows;
+    }
+    const used = Math.max(1, Math.ceil(drawn.count / kListWidth));
+    gl.bindTexture(gl.TEXTURE_2D, this.list);
+    gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, kListWidth, used, gl.RG_INTEGER, gl.UNSIGNED_INT, drawn.data);
   }
 
   cameraUniforms(cloud, view) {
@@ -344,6 +380,7 @@ export class Renderer {
       u_tolerance: 0.1,
       u_covering: cloud.hasLevels ? coveringVariance(view.lodError) : 0,
       u_growth: view.growth,
+      u_points: this.points,
       u_mode: kModes.indexOf(view.mode),
       u_mapped: cloud.shading !== null,
       u_clip_min: bound(clip.min, -3e38),
@@ -366,15 +403,20 @@ export class Renderer {
   }
 
   /** Visibility and attributes of a layer: of the surfaces that those before do not hold. */
-  drawLayer(number, drawn, uniforms) {
+  drawLayer(number, layers, drawn, uniforms) {
     const { gl } = this;
     const layer = this.layers[number];
-    const values = { ...uniforms, u_layer: number, u_nearest: layer.nearest, u_takes_rest: number > 0 && number + 1 === this.layers.length };
+    const values = { ...uniforms, u_layer: number, u_nearest: layer.nearest, u_takes_rest: number > 0 && number + 1 === layers };
     // No texture may be read while it is drawn into.
     for (let i = number; i < 4; ++i) values[`u_nearest${i + 1}`] = this.nothing;
     const splats = () => {
       gl.bindVertexArray(this.vertices);
-      gl.drawElementsInstanced(gl.TRIANGLES, 6 * drawn.most, gl.UNSIGNED_SHORT, 0, drawn.count);
+      if (this.points) {
+        gl.bindVertexArray(this.noVertices);
+        gl.drawArrays(gl.POINTS, 0, drawn.most * drawn.count);
+      } else {
+        gl.drawElementsInstanced(gl.TRIANGLES, 6 * drawn.most, gl.UNSIGNED_SHORT, 0, drawn.count);
+      }
     };
     if (number > 0) this.markOpen(number, uniforms);
     gl.bindFramebuffer(gl.FRAMEBUFFER, layer.visibility);

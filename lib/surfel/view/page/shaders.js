@@ -9,9 +9,16 @@ precision highp sampler2D;
 precision highp usampler2D;
 `;
 
-/** What surfels are to the screen: a quad around each one's kernel. */
-export const kSplatVertex = `${kHead}
+/**
+ * What surfels are to the screen: a quad around each one's kernel, or a point as large.
+ * @param attributes  whether colours and normals are wanted.
+ */
+export const splatVertex = (attributes) => `${kHead}
+#define ATTRIBUTES ${attributes ? 1 : 0}
 layout(location = 0) in uvec2 a_cluster;  // Slot, and how many of its surfels are drawn.
+
+uniform usampler2D u_list;  // The same of all clusters, for points.
+uniform int u_most;         // Most surfels of a cluster.
 
 uniform usampler2D u_first, u_second, u_shading;
 uniform sampler2D u_table;
@@ -25,13 +32,15 @@ uniform int u_mode;        // 0 colour, 1 normals, 2 depth, 3 attribute.
 uniform bool u_mapped;     // There are normals to shade with.
 uniform vec3 u_clip_min, u_clip_max;  // Centres beyond are left out.
 uniform sampler2D u_map;   // Colours of attributes, linear.
-uniform vec3 u_plain;      // x: all have the colour u_plain_color.
+uniform bool u_points;
 
 flat out vec4 v_place;  // Centre, pixels; amplitude; flags.
 flat out vec4 v_a, v_b, v_c;
 flat out float v_pixel2;
+#if ATTRIBUTES
 flat out vec4 v_color;  // Times alpha.
 flat out vec3 v_normal;
+#endif
 
 const float kPi = 3.14159265358979;
 
@@ -57,9 +66,16 @@ vec3 linear_of(vec3 code) {
 
 void main() {
   gl_Position = vec4(2, 2, 2, 1);
+  gl_PointSize = 0.0;
   uint surfel = uint(gl_VertexID) >> 2;
-  if (surfel >= a_cluster.y) return;
-  uint slot = a_cluster.x;
+  uvec2 cluster = a_cluster;
+  if (u_points) {
+    int place = gl_VertexID / u_most;
+    surfel = uint(gl_VertexID - place * u_most);
+    cluster = texelFetch(u_list, ivec2(place & 2047, place >> 11), 0).xy;
+  }
+  if (surfel >= cluster.y) return;
+  uint slot = cluster.x;
   ivec2 at = ivec2(int((slot & 15u) * 256u + surfel), int(slot >> 4));
   ivec2 row = ivec2(int((slot & 1023u) * 4u), int(slot >> 10));
   vec4 t0 = texelFetch(u_table, row, 0);
@@ -183,6 +199,7 @@ void main() {
     v_pixel2 = on_pixel * on_pixel;
   }
 
+#if ATTRIBUTES
   vec4 code = vec4(first.w & 255u, first.w >> 8 & 255u, first.w >> 16 & 255u, first.w >> 24) / 255.0;
   vec3 color = t2.z + t2.w * linear_of(code.rgb);
   vec3 shown = u_mapped ? direction(texelFetch(u_shading, at, 0).x) : world_normal;
@@ -193,10 +210,19 @@ void main() {
   }
   v_color = vec4(color * code.a, code.a);
   v_normal = shown;
+#endif
 
   // Fragments are the pixels whose centres lie in the box.
   lo = clamp(lo, vec2(-2), u_size + 2.0);
   hi = clamp(hi, vec2(-2), u_size + 2.0);
+  if (u_points) {
+    lo = max(lo, vec2(0));
+    hi = min(hi, u_size);
+    if (any(lessThanEqual(hi, lo))) return;
+    gl_PointSize = max(hi.x - lo.x, hi.y - lo.y);
+    gl_Position = vec4((lo + hi) / u_size - 1.0, 0, 1);
+    return;
+  }
   vec2 corner = vec2(gl_VertexID & 1, (gl_VertexID >> 1) & 1);
   gl_Position = vec4(mix(lo, hi, corner) / u_size * 2.0 - 1.0, 0, 1);
 }
