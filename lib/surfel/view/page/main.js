@@ -279,14 +279,22 @@ class Viewer {
     }));
   }
 
+  /** Asks for clusters that a picture of this size lacks; returns whether there are some. */
+  lacks(size) {
+    let some = false;
+    for (const { cloud, source } of this.clouds) {
+      const lacking = cloud.choose(this.camera, size, { lodError: this.settings.lodError, share: 1 });
+      source.want(lacking);
+      some ||= lacking.length > 0;
+    }
+    return some;
+  }
+
   /** Leaves the picture in the document, for programs that look at it. */
   async capture() {
     this.layers = 4;
-    let missing = this.draw(false);
-    while (missing > 0 || this.clouds.some(({ source }) => source.busy?.())) {
-      await new Promise((resolve) => setTimeout(resolve, 5));
-      missing = this.draw(false);
-    }
+    while (this.lacks(this.wantedSize(1))) await new Promise((resolve) => setTimeout(resolve, 20));
+    this.draw(false);
     const picture = document.createElement('pre');
     picture.id = 'picture';
     picture.textContent = this.canvas.toDataURL('image/png');
