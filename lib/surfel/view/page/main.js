@@ -15,6 +15,7 @@ const kSettle = 180; // Milliseconds without a change after which the whole pict
 /** Longest wait for a whole picture. */
 const kPatience = 3000;
 const kWorst = 8; // Steps of quality below the best.
+const kSoonDrawn = 2e4; // Surfels that a processor alone draws in a moment.
 const kSmallest = 4; // Steps after which pictures get no smaller.
 const kSlowFrame = 80;
 const kFastFrame = 35;
@@ -49,7 +50,7 @@ class Viewer {
     this.readSettings();
     this.home = this.firstCamera();
     this.camera = this.home.copy();
-    this.quality = this.renderer.software ? kWorst : 0;
+    this.quality = this.firstQuality();
     this.cost = 0; // Milliseconds of a surfel in a layer.
     this.lastChange = -Infinity;
     this.lastFrame = 0;
@@ -59,6 +60,13 @@ class Viewer {
       const cloud = new GpuCloud(this.renderer, info, source.slots(info, kBudget / page.files.length));
       return { info, source, cloud };
     });
+  }
+
+  /** Without a graphics processor the first picture has so few surfels that it is there at once. */
+  firstQuality() {
+    if (!this.renderer.software) return 0;
+    const surfels = Math.max(...page.files.map((info) => info.surfels));
+    return Math.max(0, Math.min(kWorst, Math.round(Math.log2(surfels / kSoonDrawn))));
   }
 
   async start() {
@@ -150,16 +158,17 @@ class Viewer {
     this.lastFrame = now;
     const moving = this.controls.advance(Math.min(0.1, elapsed / 1000));
     if (moving) this.lastChange = now;
-    const still = performance.now() - this.lastChange >= kSettle;
+    const still = this.address.has('still') || performance.now() - this.lastChange >= kSettle;
     // By the processor alone a whole picture takes long: better and better ones come before it.
     if (!still) this.refined = this.renderer.software ? this.quality : 0;
+    if (this.address.has('still')) this.refined = 0;
     const fast = !still || this.refined > 0;
     if (still && fast) this.refined = Math.max(0, this.refined - 2);
     if (!still && this.wasMoving) this.adapt(elapsed);
     this.wasMoving = !still;
     const quality = still ? this.refined : this.quality;
     const start = performance.now();
-    this.layers = fast ? 1 : this.affordableLayers();
+    this.layers = fast ? this.movingLayers() : this.affordableLayers();
     const missing = this.draw(fast, quality);
     if (!fast || this.renderer.software) this.renderer.wait();
     const taken = performance.now() - start;
@@ -170,6 +179,10 @@ class Viewer {
     } else if (fast) {
       setTimeout(() => this.schedule(), kSettle);
     }
+  }
+
+  movingLayers() {
+    return this.renderer.software || this.quality > 0 ? 1 : 2;
   }
 
   /** Layers of a pixel for which nobody waits too long. */

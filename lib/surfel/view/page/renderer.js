@@ -317,6 +317,8 @@ export class Renderer {
     }
     for (let i = 0; i < layers; ++i) this.drawLayer(i, layers, drawn, uniforms);
     uniforms.u_layers = layers;
+    // Where nothing behind is known, what is in front covers the pixel.
+    if (layers === 1) uniforms.u_full = 0.01;
     uniforms.u_sums = this.sumsOfSides;
     this.fill(this.composite, this.composed, uniforms);
     if (!view.fast) this.findEdges(uniforms);
