@@ -106,6 +106,7 @@ nlohmann::json described(const ViewCloud& cloud) {
       {"min", numbers(extent.box.min)},
       {"max", numbers(extent.box.max)},
       {"attribute", cloud.attribute()},
+      {"attributeWord", shell_quoted(cloud.attribute())},
       {"range", {cloud.attribute_range().first, cloud.attribute_range().second}},
   };
   return json;

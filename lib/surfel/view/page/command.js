@@ -26,7 +26,7 @@ export function commandFor(info, view) {
   ];
   if (view.mode === 'normal') words.push('--color-by normal');
   if (view.mode === 'attribute') {
-    words.push(`--color-by ${info.attribute} --color-map viridis`, `--color-range=${numbers(info.range)} --legend off`);
+    words.push(`--color-by ${info.attributeWord} --color-map viridis`, `--color-range=${numbers(info.range)} --legend off`);
   }
   if ((view.mode === 'color' || view.mode === 'depth') && !info.colored) words.push('--color-by none');
   if (view.clip) words.push(`--bounds=${numbers(boundsOf(view.clip, info))}`);

@@ -22,6 +22,14 @@ const kFastFrame = 35;
 /** Surfels that the graphics memory holds at once of a served file. */
 const kBudget = 6e6;
 
+/** Texts that an address may have: some become words of a command. */
+const kTexts = {
+  mode: /^(color|normal|depth|attribute)$/,
+  background: /^#[0-9a-f]{6}$/i,
+  clipAxis: /^[xyz]?$/,
+  compare: /^(file|lit|color|normal|depth|attribute)?$/,
+};
+
 function fail(error) {
   find('failure').textContent = error.message;
   find('failure').hidden = false;
@@ -89,6 +97,9 @@ class Viewer {
       this.changed();
     });
     window.addEventListener('resize', () => this.changed());
+    this.canvas.addEventListener('webglcontextlost', () => {
+      fail(new Error('The graphics driver has given up the picture; load the page again.'));
+    });
     this.changed();
   }
 
@@ -99,8 +110,11 @@ class Viewer {
       const type = typeof this.settings[name];
       if (type === 'boolean') this.settings[name] = value === '1';
       if (type === 'number' && Number.isFinite(Number(value))) this.settings[name] = Number(value);
-      if (type === 'string') this.settings[name] = value;
+      if (type === 'string' && kTexts[name].test(value)) this.settings[name] = value;
     }
+    const shown = [this.settings.mode, this.settings.compare];
+    if (shown.includes('attribute') && !page.files[0].attribute) this.settings.mode = 'color';
+    if (this.settings.compare === 'file' && page.files.length < 2) this.settings.compare = '';
   }
 
   firstCamera() {
@@ -187,6 +201,7 @@ class Viewer {
 
   /** Layers of a pixel for which nobody waits too long. */
   affordableLayers() {
+    if (this.address.has('still')) return 4;
     const layer = this.cost * Math.max(...this.clouds.map(({ info }) => info.surfels));
     return Math.max(1, Math.min(4, Math.floor(kPatience / Math.max(layer, 1))));
   }

@@ -321,7 +321,7 @@ export class Renderer {
     if (layers === 1) uniforms.u_full = 0.01;
     uniforms.u_sums = this.sumsOfSides;
     this.fill(this.composite, this.composed, uniforms);
-    if (!view.fast) this.findEdges(uniforms);
+    if (!view.fast && layers > 1) this.findEdges(uniforms);
     this.finish(uniforms, view, x0, x1);
     gl.disable(gl.SCISSOR_TEST);
   }
@@ -487,7 +487,8 @@ export class Renderer {
       u_sharpen: this.sharpen,
       u_relief: this.nothing,
       u_has_relief: false,
-      u_edges: !view.fast && view.opaque,
+      // One layer's sums end where something is in front of it, too.
+      u_edges: !view.fast && view.opaque && uniforms.u_layers > 1,
       u_height: this.size[1],
       u_offset: [0, 0],
     });
