@@ -51,10 +51,9 @@ void declare_options(CLI::App& app, Settings& s) {
                            "Direction from the target to the eye: X,Y,Z");
   surfel::tool::add_vector(app, "--target", s.camera.target,
                            "Point that is looked at and turned about: X,Y,Z");
-  surfel::tool::add_text(app, "--up", "DIRECTION", "", "What is up: x, y, z, -z or X,Y,Z",
-                         [&s](const std::string& text) {
-                           s.camera.up = surfel::tool::parse_direction("--up", text);
-                         });
+  surfel::tool::add_text(
+      app, "--up", "DIRECTION", "", "What is up: x, y, z, -z or X,Y,Z",
+      [&s](const std::string& text) { s.camera.up = surfel::tool::parse_direction("--up", text); });
   app.add_option("--fov", s.camera.fov, "Vertical field of view, degrees, in (0, 180)");
   app.option_defaults()->group("Options");
   app.add_option("--color-by", s.cloud.attribute,
@@ -96,9 +95,8 @@ void write_page(surfel::tool::Tool& tool, const Settings& s,
                 const std::vector<const surfel::ViewCloud*>& clouds,
                 const surfel::ViewPageOptions& options) {
   surfel::OutputFile file(s.output, tool.common().no_clobber);
-  surfel::write_view_page(clouds, options, [&](std::string_view text) {
-    file.write(text.data(), text.size());
-  });
+  surfel::write_view_page(clouds, options,
+                          [&](std::string_view text) { file.write(text.data(), text.size()); });
   file.commit();
   std::size_t surfels = 0;
   for (const surfel::ViewCloud* cloud : clouds) surfels += cloud->loaded().surfels().size();
@@ -131,7 +129,8 @@ int main(int argc, char** argv) {
   tool.files().writes("--output", surfel::tool::Writes::kAny);
   return tool.run(argc, argv, [&] {
     if (s.output.empty() && !s.serve) {
-      surfel::throw_usage("give -o page.html for a page, or --serve to look at once");
+      surfel::throw_usage(
+          "there is no --output; give -o page.html for a page, or --serve to look at once");
     }
     surfel::tool::require_valid(s.camera.problems());
     std::vector<std::unique_ptr<surfel::ViewCloud>> loaded;

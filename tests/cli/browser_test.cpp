@@ -52,12 +52,12 @@ class Browser : public testing::Test {
 
   /// The document that a page has become.
   std::string document(const std::string& address) const {
-    const RunResult result = run(
-        {kChromium, "--headless", "--no-sandbox", "--disable-gpu", "--use-gl=angle",
-         "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-background-networking",
-         "--disable-component-update", "--disable-sync", "--no-first-run",
-         "--user-data-dir=" + (folder_ / "profile"), "--virtual-time-budget=20000", "--dump-dom",
-         address});
+    const RunResult result =
+        run({kChromium, "--headless", "--no-sandbox", "--disable-gpu", "--use-gl=angle",
+             "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
+             "--disable-background-networking", "--disable-component-update", "--disable-sync",
+             "--no-first-run", "--user-data-dir=" + (folder_ / "profile"),
+             "--virtual-time-budget=20000", "--dump-dom", address});
     EXPECT_EQ(result.exit_code, 0) << result.errors;
     return result.output;
   }
@@ -75,8 +75,8 @@ class Browser : public testing::Test {
     write_text(folder_ / "seen.png", decoded(picture.substr(prefix.size())));
     const std::string command = element(seen, "commands");
     const std::string bin = fs::path(tool("surfel-render")).parent_path();
-    const RunResult drawn = run(
-        {"/bin/sh", "-c", "cd " + (folder_ / "") + " && " + bin + "/" + command + " --quiet"});
+    const RunResult drawn =
+        run({"/bin/sh", "-c", "cd " + (folder_ / "") + " && " + bin + "/" + command + " --quiet"});
     EXPECT_EQ(drawn.exit_code, 0) << command << drawn.errors;
     const RunResult compared =
         run({tool("surfel-compare"), folder_ / "seen.png", folder_ / "view.png", "--json"});
@@ -89,9 +89,9 @@ class Browser : public testing::Test {
 
 TEST_F(Browser, ShowsWhatItsCommandDraws) {
   const std::string ball = folder_ / "ball.ply";
-  ASSERT_EQ(run({tool("surfel-generate"), "sphere", "--count", "4000", "--quiet", "-o", ball})
-                .exit_code,
-            0);
+  ASSERT_EQ(
+      run({tool("surfel-generate"), "sphere", "--count", "4000", "--quiet", "-o", ball}).exit_code,
+      0);
   EXPECT_GT(psnr(ball, "lit=1&background=%23204060"), 35);
   EXPECT_GT(psnr(ball, "lit=0&mode=normal&clipAxis=x&clipPlace=0.6"), 35);
 }
@@ -99,9 +99,9 @@ TEST_F(Browser, ShowsWhatItsCommandDraws) {
 TEST_F(Browser, ChoosesTheLevelsThatSurfelRenderChooses) {
   const std::string ball = folder_ / "ball.ply";
   const std::string levels = folder_ / "levels.ply";
-  ASSERT_EQ(run({tool("surfel-generate"), "sphere", "--count", "30000", "--quiet", "-o", ball})
-                .exit_code,
-            0);
+  ASSERT_EQ(
+      run({tool("surfel-generate"), "sphere", "--count", "30000", "--quiet", "-o", ball}).exit_code,
+      0);
   ASSERT_EQ(run({tool("surfel-lod"), ball, "--quiet", "-o", levels}).exit_code, 0);
   EXPECT_GT(psnr(levels, "lit=1"), 35);
 }

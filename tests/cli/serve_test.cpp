@@ -1,18 +1,17 @@
 // surfel-view --serve: how it begins, answers and ends.
 
-#include <arpa/inet.h>
 #include <csignal>
-#include <netinet/in.h>
-#include <sys/socket.h>
-#include <unistd.h>
-
 #include <filesystem>
 #include <fstream>
 #include <string>
 #include <thread>
 #include <vector>
 
+#include <arpa/inet.h>
 #include <gtest/gtest.h>
+#include <netinet/in.h>
+#include <sys/socket.h>
+#include <unistd.h>
 
 #include "support/run_tool.h"
 
@@ -74,23 +73,22 @@ class Serve : public testing::Test {
   template <class Visit>
   void serve(int signal, const Visit& visit) const {
     const std::string told = folder_ / "address";
-    const RunSetup setup{
-        .input = {}, .meanwhile = [&](pid_t process) {
-          std::string address;
-          wait_until([&] {
-            std::ifstream(told) >> address;
-            return address.ends_with("/");
-          });
-          const std::string begin = "http://127.0.0.1:";
-          ASSERT_TRUE(address.starts_with(begin)) << address;
-          const std::string rest = address.substr(begin.size());
-          visit(std::stoi(rest), rest.substr(rest.find('/')));
-          kill(process, signal);
-        }};
-    const RunResult result = run({"/bin/sh", "-c",
-                                  "exec " + tool("surfel-view") + " " + (folder_ / "levels.ply") +
-                                      " --serve > " + told},
-                                 setup);
+    const RunSetup setup{.input = {}, .meanwhile = [&](pid_t process) {
+                           std::string address;
+                           wait_until([&] {
+                             std::ifstream(told) >> address;
+                             return address.ends_with("/");
+                           });
+                           const std::string begin = "http://127.0.0.1:";
+                           ASSERT_TRUE(address.starts_with(begin)) << address;
+                           const std::string rest = address.substr(begin.size());
+                           visit(std::stoi(rest), rest.substr(rest.find('/')));
+                           kill(process, signal);
+                         }};
+    const RunResult result =
+        run({"/bin/sh", "-c",
+             "exec " + tool("surfel-view") + " " + (folder_ / "levels.ply") + " --serve > " + told},
+            setup);
     EXPECT_EQ(result.exit_code, 0) << result.signal << result.errors;
     EXPECT_FALSE(contains(result.errors, "error")) << result.errors;
   }

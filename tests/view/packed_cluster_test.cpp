@@ -68,9 +68,7 @@ Unpacked unpack(const std::string& bytes) {
     out.v.insert(out.v.end(), out.u.begin() + static_cast<std::ptrdiff_t>(first), out.u.end());
     if (has(kPackedAcross)) {
       deviation(out.v);
-      each([&](std::size_t i) {
-        out.angle[i] = 3.14159265F / 65536 * read.next<std::uint16_t>();
-      });
+      each([&](std::size_t i) { out.angle[i] = 3.14159265F / 65536 * read.next<std::uint16_t>(); });
     }
     out.area.resize(end, std::exp2(h.area_log));
     if (has(kPackedArea)) {
@@ -102,7 +100,8 @@ Unpacked unpack(const std::string& bytes) {
 
 std::string packed(const RenderCloud& cloud) {
   std::string bytes;
-  for (std::uint32_t c = 0; c < cloud.clusters().size(); ++c) pack_cluster(cloud, c, nullptr, bytes);
+  for (std::uint32_t c = 0; c < cloud.clusters().size(); ++c)
+    pack_cluster(cloud, c, nullptr, bytes);
   return bytes;
 }
 
@@ -145,8 +144,8 @@ TEST(PackedCluster, KeepsSurfelsWithinTheStatedErrors) {
       if (!elliptic) continue;
       EXPECT_NEAR(found.v[i] / cloud.deviation_v[row], 1, 3e-5);
       const Vec3f a = packed_tangent(found.normal[i]);
-      const Vec3f t = std::cos(found.angle[i]) * a +
-                      std::sin(found.angle[i]) * found.normal[i].cross(a);
+      const Vec3f t =
+          std::cos(found.angle[i]) * a + std::sin(found.angle[i]) * found.normal[i].cross(a);
       const Vec3f tangent(cloud.tangent_x[row], cloud.tangent_y[row], cloud.tangent_z[row]);
       EXPECT_LT(t.cross(tangent).norm(), 0.006 * 3.1416 / 180);
     }

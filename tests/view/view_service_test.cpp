@@ -49,8 +49,9 @@ TEST_F(ViewServices, AnswersNobodyWithoutTheToken) {
 }
 
 TEST_F(ViewServices, TellsWhatIsWrongWithARequest) {
-  for (const char* path : {"/secret/x", "/secret/2/clusters", "/secret/0", "/secret/0/",
-                           "/secret/0/../1/clusters", "/secret/-1/records", "/secret/0/etc/passwd"}) {
+  for (const char* path :
+       {"/secret/x", "/secret/2/clusters", "/secret/0", "/secret/0/", "/secret/0/../1/clusters",
+        "/secret/-1/records", "/secret/0/etc/passwd"}) {
     EXPECT_EQ(status(path), 404) << path;
   }
   for (const char* query : {"", "list=", "list=1,", "list=a", "list=-1", "list=1,,2", "lists=1",

@@ -43,9 +43,7 @@ std::uint8_t code8(float share) {
   return static_cast<std::uint8_t>(std::lround(std::clamp(share, 0.0F, 1.0F) * 255));
 }
 
-float log2_of(float value) {
-  return static_cast<float>(portable::log2(std::max(value, 1e-37F)));
-}
+float log2_of(float value) { return static_cast<float>(portable::log2(std::max(value, 1e-37F))); }
 
 /// The rows of a cluster in the order in which they are stored: places with reversed bits, so that
 /// neighbours along the curve come far from one another.

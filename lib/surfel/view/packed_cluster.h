@@ -12,8 +12,8 @@
 namespace surfel {
 
 /// A packed cluster: this header, then the columns that `columns` names, in the order of
-/// PackedColumn, each with `count` values. Little-endian, without gaps. A column that is missing has
-/// the header's value, or what PackedColumn says.
+/// PackedColumn, each with `count` values. Little-endian, without gaps. A column that is missing
+/// has the header's value, or what PackedColumn says.
 ///
 /// The largest errors, `box` being the cluster's bounding box and `ratio` the one of the largest to
 /// the least value in the cluster:
@@ -26,11 +26,11 @@ namespace surfel {
 ///   alpha      1 / 510
 ///   attribute  1 / 510 of its range
 struct PackedCluster {
-  std::uint16_t count;    ///< Surfels, 1..kClusterSurfels.
-  std::uint16_t columns;  ///< Bits of PackedColumn.
-  std::uint32_t cluster;  ///< Index among the cloud's clusters.
-  float min[3];           ///< Relative to the cloud's origin.
-  float step[3];          ///< x = min + step times the 16-bit value.
+  std::uint16_t count;                  ///< Surfels, 1..kClusterSurfels.
+  std::uint16_t columns;                ///< Bits of PackedColumn.
+  std::uint32_t cluster;                ///< Index among the cloud's clusters.
+  float min[3];                         ///< Relative to the cloud's origin.
+  float step[3];                        ///< x = min + step times the 16-bit value.
   float deviation_log, deviation_step;  ///< log2 of a standard deviation = log + step times value.
   float area_log, area_step;            ///< The same for the area.
   float color_low, color_scale;         ///< Linear colour = low + scale times the decoded sRGB.
@@ -42,17 +42,17 @@ static_assert(sizeof(PackedCluster) == 64);
 
 /// Columns of a packed cluster by their bits.
 enum PackedColumn : std::uint16_t {
-  kPackedPosition = 1,      ///< 3 x 16 bits, all x first, then y, then z. Always there.
-  kPackedNormal = 2,        ///< 2 x 16 bits, octahedral; both 65535: unknown. Missing: unknown.
-  kPackedDeviation = 4,     ///< 16 bits: along the tangent, or in all directions.
-  kPackedAcross = 8,        ///< 2 x 16 bits: the deviation across the tangent, and the angle of the
-                            ///< tangent from packed_tangent(), of half a turn. Missing: round surfels.
-  kPackedArea = 16,         ///< 16 bits.
-  kPackedColor = 32,        ///< 3 x 8 bits, sRGB codes, surfel by surfel.
-  kPackedAlpha = 64,        ///< 8 bits. Missing: opaque.
-  kPackedShading = 128,     ///< 2 x 16 bits: the normal to shade with, as kPackedNormal has it.
-                            ///< Missing: the surfel's own.
-  kPackedAttribute = 256,   ///< 8 bits, 0..1.
+  kPackedPosition = 1,   ///< 3 x 16 bits, all x first, then y, then z. Always there.
+  kPackedNormal = 2,     ///< 2 x 16 bits, octahedral; both 65535: unknown. Missing: unknown.
+  kPackedDeviation = 4,  ///< 16 bits: along the tangent, or in all directions.
+  kPackedAcross = 8,     ///< 2 x 16 bits: the deviation across the tangent, and the angle of the
+                         ///< tangent from packed_tangent(), of half a turn. Missing: round surfels.
+  kPackedArea = 16,      ///< 16 bits.
+  kPackedColor = 32,     ///< 3 x 8 bits, sRGB codes, surfel by surfel.
+  kPackedAlpha = 64,     ///< 8 bits. Missing: opaque.
+  kPackedShading = 128,  ///< 2 x 16 bits: the normal to shade with, as kPackedNormal has it.
+                         ///< Missing: the surfel's own.
+  kPackedAttribute = 256,  ///< 8 bits, 0..1.
 };
 
 /// Appends a cluster, whose rows the cloud holds. The surfels are in an order in which the first

@@ -120,9 +120,8 @@ ViewCloud::ViewCloud(const std::string& path, const ViewCloudOptions& options)
   const std::uint32_t first[] = {0};
   Impl::fetch(*i.surfels, first);
   const Cluster& coarsest = cloud.clusters().front();
-  const bool some = i.surfels->store().resident()
-                        ? any_normal(cloud, 0, cloud.size())
-                        : any_normal(cloud, coarsest.begin, coarsest.end);
+  const bool some = i.surfels->store().resident() ? any_normal(cloud, 0, cloud.size())
+                                                  : any_normal(cloud, coarsest.begin, coarsest.end);
   if (!some) {
     throw_input(path, "has no normals, which discs need; run " +
                           shell_command({"surfel-estimate", path, "-o", "surfels.ply"}) +
@@ -184,8 +183,8 @@ void ViewCloud::append_clusters(std::span<const std::uint32_t> clusters, std::st
     Impl::fetch(loaded, part);
     if (values) Impl::fetch(*values, part);
     for (const std::uint32_t cluster : part) {
-      pack_cluster(loaded.store().cloud(), cluster,
-                   values ? &values->store().cloud() : nullptr, to);
+      pack_cluster(loaded.store().cloud(), cluster, values ? &values->store().cloud() : nullptr,
+                   to);
     }
   }
 }

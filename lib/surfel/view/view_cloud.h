@@ -26,7 +26,7 @@ struct ViewCloudOptions {
 
 /// Bounds of a cluster as pages read them: little-endian, one after the other.
 struct ClusterRecord {
-  float center[3];      ///< Sphere around the surfels, relative to the cloud's origin.
+  float center[3];  ///< Sphere around the surfels, relative to the cloud's origin.
   float radius;
   float max_deviation;  ///< Largest standard deviation.
   float spacing;        ///< TreeCluster::spacing; 0 without levels of detail.

@@ -32,7 +32,8 @@ std::string import_map() {
   nlohmann::json imports;
   for (const PageFile& file : page_files()) {
     if (!file.name.ends_with(".js")) continue;
-    imports["surfel/" + std::string(file.name)] = "data:text/javascript;base64," + base64(file.text);
+    imports["surfel/" + std::string(file.name)] =
+        "data:text/javascript;base64," + base64(file.text);
   }
   return nlohmann::json{{"imports", imports}}.dump();
 }
@@ -159,9 +160,8 @@ void require_size(const std::vector<const ViewCloud*>& clouds, const ViewPageOpt
   if (bytes <= options.most_bytes) return;
   const ViewCloud& first = *clouds.front();
   const std::string levels = first.has_levels() ? first.path() : "levels.ply";
-  const std::string make = first.has_levels()
-                               ? ""
-                               : shell_command({"surfel-lod", first.path(), "-o", levels}) + " && ";
+  const std::string make =
+      first.has_levels() ? "" : shell_command({"surfel-lod", first.path(), "-o", levels}) + " && ";
   throw_input(first.path(),
               fmt::format("would make a page of {} MB, and browsers take {} MB; {}{} shows what a "
                           "view needs",

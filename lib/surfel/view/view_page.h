@@ -21,7 +21,7 @@ struct ViewPageOptions {
   Vec3d eye{0, 0, 1};
   Vec3d target{0, 0, 0};
   Vec3d up{0, 1, 0};
-  double fov = 40;        ///< Vertical field of view, degrees.
+  double fov = 40;          ///< Vertical field of view, degrees.
   std::string generator{};  ///< Tool and version, for the page's head.
   /// Most bytes of a page; a larger one is refused. Browsers hold a page's text twice while they
   /// read it.

@@ -71,8 +71,9 @@ ViewAnswer records(const ViewCloud& cloud, std::string_view query) {
 ViewAnswer clusters(const ViewCloud& cloud, std::string_view query) {
   const auto list = list_of(value_of(query, "list").value_or(""), ViewService::kMostClusters);
   if (!list) {
-    return {400, kText, fmt::format("list=I,J,... of 1 to {} clusters is needed\n",
-                                 ViewService::kMostClusters)};
+    return {
+        400, kText,
+        fmt::format("list=I,J,... of 1 to {} clusters is needed\n", ViewService::kMostClusters)};
   }
   ViewAnswer answer{200, kBytes, {}};
   const ClusterTree& tree = cloud.loaded().surfels().tree();
