@@ -9,6 +9,7 @@
 #include <surfel/base/error.h>
 #include <surfel/base/output_file.h>
 #include <surfel/base/parallel.h>
+#include <surfel/base/shell_quote.h>
 #include <surfel/base/version.h>
 #include <surfel/intake/intake.h>
 #include <surfel/io/file_kind.h>
@@ -68,6 +69,21 @@ void require_surfels(const std::string& path) {
   const surfel::FileKind kind = surfel::file_kind(path);
   if (kind == surfel::FileKind::kGaussians) surfel::refuse_gaussians(path);
   if (kind == surfel::FileKind::kVolume) surfel::refuse_volume(path);
+  const auto made_by = [&](const char* maker, const std::string& more) {
+    return surfel::shell_command({maker, path}) + more + " -o surfels.ply";
+  };
+  if (kind == surfel::FileKind::kMesh) {
+    surfel::throw_input(path, "is a mesh; " + made_by("surfel-from-mesh", " --count 300000") +
+                                  " makes surfels of it");
+  }
+  // Files of these formats may hold surfels as well, which only reading tells.
+  const std::string extension = surfel::tool::lower_extension(path);
+  const bool unsure =
+      extension == ".pcd" || extension == ".las" || extension == ".laz" || extension == ".pts";
+  if (!unsure && !surfel::holds_surfels(path)) {
+    surfel::throw_input(path, "holds raw points; " + made_by("surfel-estimate", "") +
+                                  " gives them normals and sizes");
+  }
 }
 
 /// The first view: as surfel-render makes it.

@@ -66,6 +66,12 @@ bool any_normal(const RenderCloud& cloud, std::size_t begin, std::size_t end) {
   return false;
 }
 
+[[noreturn]] void refuse_bare(const std::string& path) {
+  throw_input(path, "has no normals, which discs need; " +
+                        shell_command({"surfel-estimate", path, "-o", "surfels.ply"}) +
+                        " makes surfels of it, to be looked at instead");
+}
+
 }  // namespace
 
 struct ViewCloud::Impl {
@@ -92,6 +98,7 @@ ViewCloud::ViewCloud(const std::string& path, const ViewCloudOptions& options)
   i.path = path;
   CloudLoadOptions load = load_options(options);
   load.wrap = [&](const CloudFacts& facts) {
+    if (!facts.source.attributes().normal) refuse_bare(path);
     i.colored = facts.source.attributes().color;
     const bool known = AttributeValues::find(facts.source, options.attribute).has_value();
     if (!options.attribute.empty() && known) {
@@ -122,11 +129,7 @@ ViewCloud::ViewCloud(const std::string& path, const ViewCloudOptions& options)
   const Cluster& coarsest = cloud.clusters().front();
   const bool some = i.surfels->store().resident() ? any_normal(cloud, 0, cloud.size())
                                                   : any_normal(cloud, coarsest.begin, coarsest.end);
-  if (!some) {
-    throw_input(path, "has no normals, which discs need; run " +
-                          shell_command({"surfel-estimate", path, "-o", "surfels.ply"}) +
-                          " and look at surfels.ply");
-  }
+  if (!some) refuse_bare(path);
 }
 
 ViewCloud::~ViewCloud() = default;
