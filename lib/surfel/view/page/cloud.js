@@ -19,6 +19,7 @@ class DrawList {
     this.most = 0;
     this.nearest = Infinity;
     this.farthest = 0;
+    this.error = 0; // Pixels that the surface of one surfel measures, where finer ones are missing.
   }
   add(slot, surfels) {
     if (2 * this.count + 2 > this.data.length) {
@@ -152,6 +153,8 @@ export class GpuCloud {
       const reach = record.radius + Math.SQRT2 * record.deviation;
       this.list.nearest = Math.min(this.list.nearest, z - reach);
       this.list.farthest = Math.max(this.list.farthest, z + reach);
+      const error = (record.spacing * focal) / Math.max(z, 1e-12);
+      if (record.childCount > 0 && error > lodError) this.list.error = Math.max(this.list.error, error);
     };
     const want = (record, z) => {
       const near = Math.max(z - record.radius, 1e-6 * record.radius + 1e-12);

@@ -60,6 +60,7 @@ class Viewer {
     this.camera = this.home.copy();
     this.quality = this.firstQuality();
     this.cost = 0; // Milliseconds of a surfel in a layer.
+    this.missing = page.served ? 1 : 0; // Clusters that the last picture lacked.
     this.lastChange = -Infinity;
     this.lastFrame = 0;
     this.scheduled = false;
@@ -172,7 +173,9 @@ class Viewer {
     this.lastFrame = now;
     const moving = this.controls.advance(Math.min(0.1, elapsed / 1000));
     if (moving) this.lastChange = now;
-    const still = this.address.has('still') || performance.now() - this.lastChange >= kSettle;
+    // While clusters are still to come a whole picture would be drawn in vain.
+    const rests = this.address.has('still') || performance.now() - this.lastChange >= kSettle;
+    const still = rests && this.missing === 0;
     // By the processor alone a whole picture takes long: better and better ones come before it.
     if (!still) this.refined = this.renderer.software ? this.quality : 0;
     if (this.address.has('still')) this.refined = 0;
@@ -184,6 +187,7 @@ class Viewer {
     const start = performance.now();
     this.layers = fast ? this.movingLayers() : this.affordableLayers();
     const missing = this.draw(fast, quality);
+    this.missing = missing;
     if (!fast || this.renderer.software) this.renderer.wait();
     const taken = performance.now() - start;
     if (!fast || this.renderer.software) this.cost = taken / Math.max(1, this.drawnSurfels * this.layers);
@@ -263,7 +267,8 @@ class Viewer {
       this.drawnSurfels += cloud.list.surfels;
       renderer.draw(cloud, cloud.list, {
         camera, mode: pane.mode, lit: pane.lit, region: pane.region, background, fast, layers: this.layers,
-        map: this.map, growth: 1 / share, opaque: info.opaque, lodError: settings.lodError,
+        map: this.map, growth: 1 / share, opaque: info.opaque,
+        lodError: lacking.length > 0 ? Math.max(settings.lodError, cloud.list.error) : settings.lodError,
         skyUp: camera.up, clip: this.clip(page.bounds), depthRange: this.depthRange(),
       });
     }
