@@ -32,6 +32,7 @@ struct Settings {
   bool serve = false;
   surfel::CameraOptions camera;
   surfel::ViewCloudOptions cloud;
+  bool attribute_named = false;  ///< --color-by was given.
 };
 
 void declare_options(CLI::App& app, Settings& s) {
@@ -84,6 +85,14 @@ void require_surfels(const std::string& path) {
     surfel::throw_input(path, "holds raw points; " + made_by("surfel-estimate", "") +
                                   " gives them normals and sizes");
   }
+}
+
+/// Throws Error(kInput) where an attribute is asked for by name that a file does not have.
+void require_attribute(const Settings& s, const surfel::ViewCloud& cloud) {
+  if (!s.attribute_named || !cloud.attribute().empty()) return;
+  surfel::throw_input(cloud.path(), fmt::format("has no numbers named {}; surfel-info tells what "
+                                                "surfels can be coloured by",
+                                                s.cloud.attribute));
 }
 
 /// The first view: as surfel-render makes it.
@@ -149,12 +158,14 @@ int main(int argc, char** argv) {
           "there is no --output; give -o page.html for a page, or --serve to look at once");
     }
     surfel::tool::require_valid(s.camera.problems());
+    s.attribute_named = tool.app().count("--color-by") > 0;
     std::vector<std::unique_ptr<surfel::ViewCloud>> loaded;
     std::vector<const surfel::ViewCloud*> clouds;
     for (const std::string& input : s.inputs) {
       require_surfels(input);
       loaded.push_back(std::make_unique<surfel::ViewCloud>(input, s.cloud));
       clouds.push_back(loaded.back().get());
+      require_attribute(s, *clouds.back());
       const surfel::RenderCloud& surfels = clouds.back()->loaded().surfels();
       surfel::tool::tell_left_out(tool, surfel::tool::shown_name(input), surfels.dropped());
       if (surfels.has_clips()) {

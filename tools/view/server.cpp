@@ -17,7 +17,7 @@ constexpr const char* kLoopback = "127.0.0.1";
 constexpr std::size_t kConnections = 16;
 constexpr auto kLook = std::chrono::milliseconds(50);
 
-/// The part of an address behind the "?", decoded.
+/// The part of an address behind the "?".
 std::string_view query_of(const std::string& target) {
   const std::size_t at = target.find('?');
   return at == std::string::npos ? std::string_view() : std::string_view(target).substr(at + 1);
@@ -25,13 +25,13 @@ std::string_view query_of(const std::string& target) {
 
 void answer(const ViewService& service, const httplib::Request& request,
             httplib::Response& response) {
-  ViewAnswer made = service.answer(request.path, query_of(request.target));
+  const ViewAnswer made = service.answer(request.path, query_of(request.target));
   response.status = made.status;
   if (!made.location.empty()) response.set_header("Location", made.location);
   response.set_header("Cache-Control", "no-store");
   response.set_header("X-Content-Type-Options", "nosniff");
   response.set_header("Referrer-Policy", "no-referrer");
-  response.set_content(std::move(made.body), made.type.c_str());
+  response.set_content(made.body, made.type.c_str());
 }
 
 }  // namespace

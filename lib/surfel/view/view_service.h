@@ -38,7 +38,7 @@ class SURFEL_API ViewService {
 
   /// Answers a request; callable from several threads at once.
   /// \param path   of the address, without the query, e.g. "/TOKEN/0/clusters".
-  /// \param query  what follows the "?", decoded, e.g. "list=1,2".
+  /// \param query  what follows the "?", e.g. "list=1,2".
   ViewAnswer answer(std::string_view path, std::string_view query) const;
 
   /// Most clusters that a request may name.
