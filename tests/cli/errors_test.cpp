@@ -62,7 +62,9 @@ const std::vector<Section>& sections() {
         {"surfel-texture points.xyz --image checker -o out.ply", "points.xyz"},
         {"surfel-simplify points.xyz --count 2 -o out.ply", "points.xyz"},
         {"surfel-render ball.ply --method deferred -o out.png", "ball.ply"},
-        {"surfel-render ball.ply --lod on -o out.png", "ball.ply"}}},
+        {"surfel-render ball.ply --lod on -o out.png", "ball.ply"},
+        {"surfel-view points.xyz -o out.html", "points.xyz"},
+        {"surfel-view ball.obj -o out.html", "ball.obj"}}},
       {"Outputs",
        {{"surfel-group ball.ply -o ball.ply", "ball.ply"},
         {"surfel-group ball.ply -o out --stats out", "--stats"},
@@ -127,6 +129,8 @@ const std::vector<Section>& sections() {
         {"surfel-convert - - -o out.ply", "standard input"},
         {"surfel-convert ball.ply --ascii -o out.pcd", "--ascii"},
         {"surfel-generate checker --count 5 -o out.png", "--count"},
+        {"surfel-view ball.ply", "--serve"},
+        {"surfel-view ball.ply --serve -o out.html", "--serve"},
         {"surfel-generate sphere --case seam -o out.ply", "--case"},
         {"surfel-chart ball.ply --quick --recommend -o report", "--recommend"}}}};
   return kSections;

@@ -74,6 +74,7 @@ const std::vector<Usage>& usages() {
       {"surfel-join", {}, "part", ".png"},
       {"surfel-info", {"--json"}, "any", ""},
       {"surfel-compare", {"--json"}, "image", ".exr"},
+      {"surfel-view", {}, "surfels", ".html"},
       {"surfel-chart",
        {"--recommend", "--max-error", "1", "--quick", "--size", "8x8", "--repeats", "1",
         "--samples", "1", "--count", "100"},

@@ -7,7 +7,7 @@ surfel_root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd)
 # The compiler, and the libraries of the core.
 surfel_demo_packages=(
   g++ cmake ninja-build pkg-config
-  libcli11-dev libeigen3-dev libfmt-dev libhwy-dev libpng-dev libpugixml-dev libtbb-dev libtomlplusplus-dev libzstd-dev nlohmann-json3-dev zlib1g-dev
+  libcli11-dev libcpp-httplib-dev libeigen3-dev libfmt-dev libhwy-dev libpng-dev libpugixml-dev libtbb-dev libtomlplusplus-dev libzstd-dev nlohmann-json3-dev zlib1g-dev
 )
 surfel_packages=(
   "${surfel_demo_packages[@]}"
@@ -20,6 +20,8 @@ surfel_packages=(
   ffmpeg
   # Tests and checks.
   libgtest-dev librapidcheck-dev clang-format-14 clang-tidy-14
+  # Pages are compared with pictures in it.
+  chromium
   # Tests of the scripts for clusters.
   munge parallel slurm-wlm
   # The benchmarks, which CI builds.

@@ -1,0 +1,110 @@
+// Pages of surfel-view in Chromium, which draws them by the processor, beside surfel-render's
+// pictures.
+
+#include <cstdlib>
+#include <filesystem>
+#include <string>
+
+#include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
+
+#include "support/run_tool.h"
+
+namespace surfel::test {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr const char* kChromium = "/usr/bin/chromium";
+
+/// Bytes of a text in base64.
+std::string decoded(const std::string& text) {
+  const std::string digits = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+  std::string bytes;
+  unsigned group = 0;
+  int bits = 0;
+  for (const char c : text.substr(0, text.find('='))) {
+    group = (group << 6 | static_cast<unsigned>(digits.find(c))) & 0xffffff;
+    bits += 6;
+    if (bits < 8) continue;
+    bits -= 8;
+    bytes += static_cast<char>(group >> bits & 255);
+  }
+  return bytes;
+}
+
+/// The text of an element of a document.
+std::string element(const std::string& document, const std::string& id) {
+  const std::string mark = "id=\"" + id + "\">";
+  const std::size_t at = document.find(mark);
+  if (at == std::string::npos) return "";
+  const std::size_t begin = at + mark.size();
+  return document.substr(begin, document.find('<', begin) - begin);
+}
+
+class Browser : public testing::Test {
+ protected:
+  void SetUp() override {
+    if (fs::exists(kChromium)) return;
+    ASSERT_EQ(std::getenv("CI"), nullptr) << "CI installs chromium";
+    GTEST_SKIP() << "there is no " << kChromium;
+  }
+
+  /// The document that a page has become.
+  std::string document(const std::string& address) const {
+    const RunResult result =
+        run({kChromium, "--headless", "--no-sandbox", "--disable-gpu", "--use-gl=angle",
+             "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
+             "--disable-background-networking", "--disable-component-update", "--disable-sync",
+             "--no-first-run", "--user-data-dir=" + (folder_ / "profile"),
+             "--virtual-time-budget=20000", "--dump-dom", address});
+    EXPECT_EQ(result.exit_code, 0) << result.errors;
+    return result.output;
+  }
+
+  /// Least PSNR of the page's picture and the one that the page's own command makes.
+  double psnr(const std::string& surfels, const std::string& fragment) const {
+    const std::string page = folder_ / "page.html";
+    const RunResult made = run({tool("surfel-view"), surfels, "-o", page, "--quiet"});
+    EXPECT_EQ(made.exit_code, 0) << made.errors;
+    const std::string seen = document("file://" + page + "#capture&size=160x120&" + fragment);
+    const std::string prefix = "data:image/png;base64,";
+    const std::string picture = element(seen, "picture");
+    EXPECT_TRUE(picture.starts_with(prefix)) << element(seen, "failure");
+    if (!picture.starts_with(prefix)) return 0;
+    write_text(folder_ / "seen.png", decoded(picture.substr(prefix.size())));
+    const std::string command = element(seen, "commands");
+    const std::string bin = fs::path(tool("surfel-render")).parent_path();
+    const RunResult drawn =
+        run({"/bin/sh", "-c", "cd " + (folder_ / "") + " && " + bin + "/" + command + " --quiet"});
+    EXPECT_EQ(drawn.exit_code, 0) << command << drawn.errors;
+    const RunResult compared =
+        run({tool("surfel-compare"), folder_ / "seen.png", folder_ / "view.png", "--json"});
+    EXPECT_EQ(compared.exit_code, 0) << compared.errors;
+    return nlohmann::json::parse(compared.output)["psnr"].get<double>();
+  }
+
+  TemporaryFolder folder_;
+};
+
+TEST_F(Browser, ShowsWhatItsCommandDraws) {
+  const std::string ball = folder_ / "ball.ply";
+  ASSERT_EQ(
+      run({tool("surfel-generate"), "sphere", "--count", "4000", "--quiet", "-o", ball}).exit_code,
+      0);
+  EXPECT_GT(psnr(ball, "lit=1&background=%23204060"), 35);
+  EXPECT_GT(psnr(ball, "lit=0&mode=normal&clipAxis=x&clipPlace=0.6"), 35);
+}
+
+TEST_F(Browser, ChoosesTheLevelsThatSurfelRenderChooses) {
+  const std::string ball = folder_ / "ball.ply";
+  const std::string levels = folder_ / "levels.ply";
+  ASSERT_EQ(
+      run({tool("surfel-generate"), "sphere", "--count", "30000", "--quiet", "-o", ball}).exit_code,
+      0);
+  ASSERT_EQ(run({tool("surfel-lod"), ball, "--quiet", "-o", levels}).exit_code, 0);
+  EXPECT_GT(psnr(levels, "lit=1"), 35);
+}
+
+}  // namespace
+}  // namespace surfel::test

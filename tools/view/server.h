@@ -1,0 +1,15 @@
+#pragma once
+
+#include <string>
+
+#include <surfel/base/function_ref.h>
+#include <surfel/view/view_service.h>
+
+namespace surfel::view_tool {
+
+/// Answers requests on a free port of the loopback interface until the run is interrupted.
+/// \param ready  is called with the port once connections are taken.
+/// Throws Error(kIo) where no port is to be had.
+void serve(const ViewService& service, FunctionRef<void(int port)> ready);
+
+}  // namespace surfel::view_tool
