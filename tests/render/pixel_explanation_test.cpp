@@ -31,7 +31,7 @@ using Pixels = std::vector<std::array<int, 2>>;
 /// Pixels all over a picture: inside and at the border of tiles and of the picture.
 Pixels some_pixels(const Camera& camera) {
   Pixels pixels;
-  for (int i = 0; i < 60; ++i) {
+  for (int i = 0; i < 18; ++i) {
     const auto at = [&](int side, std::uint64_t axis) {
       return static_cast<int>(random_uniform(7, static_cast<std::uint64_t>(i), axis) * side);
     };
@@ -99,7 +99,7 @@ std::vector<PixelExplanation> expect_true(Renderer& renderer, const Camera& came
       }
     }
   }
-  EXPECT_GT(seen, 10) << what;
+  EXPECT_GT(seen, 2) << what;
   return all;
 }
 

@@ -448,7 +448,7 @@ PixelExplanation GaussianRenderer::explain(const Camera& camera, int x, int y) {
     said.surfel = frame.gaussian_of(view, cloud_, index);
     said.exact = job.perspective != nullptr;
     said.depth = splat.z;
-    said.coefficient = std::min(1.0, std::exp2(static_cast<double>(splat.log_opacity)));
+    said.coefficient = std::min(1.0, portable::pow(2.0, static_cast<double>(splat.log_opacity)));
     said.weight = 1 - static_cast<double>(tile.transmittance[pixel]);
     said.kernel = said.coefficient > 0 ? said.weight / said.coefficient : 0;
     said.alpha = said.weight;

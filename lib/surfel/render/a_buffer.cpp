@@ -12,6 +12,21 @@
 namespace surfel {
 namespace {
 
+/// In place: a copy would wait for the stores.
+void load(const TileABuffer& tile, int layer, int pixel, Fragment& fragment) {
+  const float* from = tile.fragment(layer, static_cast<std::size_t>(pixel));
+  for (int c = 0; c <= kBack; ++c) fragment.channel[c] = from[c * kPatchPixels];
+  for (int c = kNormalX; c <= kNormalZ; ++c) {
+    fragment.channel[c] = tile.layout.normals ? from[c * kPatchPixels] : 0.0F;
+  }
+  for (int c = kCutAway; c < kFragmentChannels; ++c) {
+    fragment.channel[c] = tile.layout.clips ? from[c * kPatchPixels] : 0.0F;
+  }
+  if (tile.layout.opaque && fragment.channel[kWeight] > 0) {
+    fragment.channel[kAlpha] = fragment.channel[kWeight];
+  }
+}
+
 float back_depth(const Fragment& fragment) {
   return is_merged(fragment) ? fragment.channel[kBack] : front_depth(fragment);
 }
@@ -472,7 +487,7 @@ struct Sorted {
     std::array<float, kMost> depth;
     for (int layer = 0; layer < tile.layout.layers; ++layer) {
       if (tile.at(layer, kWeight, pixel) == 0) break;
-      load_fragment(tile, layer, pixel, fragment[layer]);
+      load(tile, layer, pixel, fragment[layer]);
       depth[layer] = front_depth(fragment[layer]);
       int place = count++;
       for (; place > 0 && depth[order[place - 1]] < depth[layer]; --place) {
@@ -491,17 +506,7 @@ void store(TileABuffer& tile, int layer, int pixel, const Fragment& fragment) {
 }  // namespace
 
 void load_fragment(const TileABuffer& tile, int layer, int pixel, Fragment& fragment) {
-  const float* from = tile.fragment(layer, static_cast<std::size_t>(pixel));
-  for (int c = 0; c <= kBack; ++c) fragment.channel[c] = from[c * kPatchPixels];
-  for (int c = kNormalX; c <= kNormalZ; ++c) {
-    fragment.channel[c] = tile.layout.normals ? from[c * kPatchPixels] : 0.0F;
-  }
-  for (int c = kCutAway; c < kFragmentChannels; ++c) {
-    fragment.channel[c] = tile.layout.clips ? from[c * kPatchPixels] : 0.0F;
-  }
-  if (tile.layout.opaque && fragment.channel[kWeight] > 0) {
-    fragment.channel[kAlpha] = fragment.channel[kWeight];
-  }
+  load(tile, layer, pixel, fragment);
 }
 
 float TileABuffer::full_weight_of_cut(const Fragment& fragment, float edge) const {
