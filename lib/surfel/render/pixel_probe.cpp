@@ -1,6 +1,6 @@
 #include <algorithm>
 #include <cmath>
-#include <cstring>
+#include <iterator>
 #include <limits>
 #include <numeric>
 #include <optional>
@@ -422,7 +422,8 @@ bool PixelProbe::settle(Replay& r, const Event& event, std::span<const float> pa
   before.resize(after.size(), Fragment{});
   std::vector<int> changed;
   for (std::size_t i = 0; i < after.size(); ++i) {
-    if (std::memcmp(&before[i], &after[i], sizeof(Fragment)) != 0) {
+    if (!std::equal(std::begin(before[i].channel), std::end(before[i].channel),
+                    std::begin(after[i].channel))) {
       changed.push_back(static_cast<int>(i));
     }
   }
