@@ -6,7 +6,10 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 #include <surfel/base/error.h>
+#include <surfel/base/output_file.h>
+#include <surfel/base/shell_quote.h>
 #include <surfel/io/image_io.h>
+#include <surfel/report/compare_page.h>
 #include <surfel/scene/image.h>
 #include <surfel/truth/image_error.h>
 
@@ -33,6 +36,7 @@ struct Settings {
   std::string tested;
   std::string truth;
   std::string output;
+  std::string html;  ///< Page to write; empty: none.
   double scale = 10;
   surfel::ImageErrorOptions options;
   Limits limits;
@@ -46,7 +50,10 @@ void declare(CLI::App& app, Settings& s) {
   app.add_option("truth", s.truth, "Picture that it should equal, of the same size")->required();
   app.add_option("-o,--output", s.output,
                  "Picture of the differences to write: |tested - truth| times --scale");
-  app.add_option("--scale", s.scale, "Factor of the differences in --output, > 0");
+  app.add_option("--html", s.html,
+                 "Page to write: a slider between the pictures, their difference, a map of the "
+                 "errors, all measures; it opens in a browser and needs no network");
+  app.add_option("--scale", s.scale, "Factor of the differences in --output and --html, > 0");
   tool::add_choice(app, "--encoding", s.options.encoding,
                    {{"srgb", ImageEncoding::kSrgb}, {"linear", ImageEncoding::kLinear}},
                    "Compare what a viewer sees, clamped and encoded, or linear light as it is");
@@ -92,6 +99,9 @@ void check(const Settings& s) {
   if (s.output == "-") {
     problems.emplace_back("the measures go to standard output; name a file for --output");
   }
+  if (s.html == "-") {
+    problems.emplace_back("the measures go to standard output; name a file for --html");
+  }
   surfel::tool::require_valid(problems);
 }
 
@@ -119,12 +129,16 @@ std::vector<Measure> measures(const ImageError& e, double threshold) {
           {"alpha_psnr", e.alpha_psnr, "dB, alpha of all pixels"}};
 }
 
+std::string text_of(const Json& value) {
+  return value.is_string()         ? value.get<std::string>()
+         : value.is_number_float() ? fmt::format("{:.5g}", value.get<double>())
+                                   : value.dump();
+}
+
 std::string table(const std::vector<Measure>& measures) {
   std::string out;
   for (const auto& [key, value, unit] : measures) {
-    const std::string text = value.is_string()         ? value.get<std::string>()
-                             : value.is_number_float() ? fmt::format("{:.5g}", value.get<double>())
-                                                       : value.dump();
+    const std::string text = text_of(value);
     out += unit.empty() ? fmt::format("{:16} {}\n", key, text)
                         : fmt::format("{:16} {:<10} {}\n", key, text, unit);
   }
@@ -153,6 +167,24 @@ std::vector<std::string> violations(const ImageError& e, const Limits& limits) {
   return out;
 }
 
+/// The page of the comparison.
+std::string page_of(const Tool& tool, const Settings& s, const Image& tested, const Image& truth,
+                    const std::vector<Measure>& found, const std::vector<std::string>& missed) {
+  surfel::ComparePage page;
+  page.tested = surfel::tool::shown_name(s.tested);
+  page.truth = surfel::tool::shown_name(s.truth);
+  for (const auto& [key, value, unit] : found) {
+    page.figures.emplace_back(key, unit.empty() ? text_of(value) : text_of(value) + " " + unit);
+  }
+  page.missed = missed;
+  page.limited = s.limits.min_psnr || s.limits.max_beyond || s.limits.max_holes;
+  page.scale = s.scale;
+  page.command = fmt::format(
+      "surfel-compare {} {}{}", surfel::shell_file(s.tested), surfel::shell_file(s.truth),
+      tool.options_given({"threads", "quiet", "verbose", "progress", "stats", "no-clobber"}));
+  return surfel::compare_page_html(page, tested, truth, s.options);
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -162,16 +194,20 @@ int main(int argc, char** argv) {
       "not met; without limits it is 0 whatever the difference.");
   Settings s;
   declare(tool.app(), s);
-  tool.everyday({"--output", "--scale", "--json", "--inside", "--background", "--encoding",
-                 "--min-psnr", "--max-holes"},
+  tool.everyday({"--output", "--html", "--scale", "--json", "--inside", "--background",
+                 "--encoding", "--min-psnr", "--max-holes"},
                 {"surfel-compare lion.png truth.png",
-                 "surfel-compare lion.png truth.png -o difference.png --scale 4",
+                 "surfel-compare lion.png truth.png -o difference.png --html lion.html",
                  "surfel-compare lion.exr truth.exr --min-psnr 35 --max-holes 0.001"});
   tool.reads_images();
   tool.files().reads({"tested", "truth"});
   tool.files().writes("--output", surfel::tool::Writes::kPicture);
+  tool.files().writes("--html", surfel::tool::Writes::kPage);
   return tool.run(argc, argv, [&] {
     check(s);
+    // What cannot be written fails before the work.
+    std::optional<surfel::OutputFile> page;
+    if (!s.html.empty()) page.emplace(s.html, tool.common().no_clobber);
     const Image tested = surfel::read_premultiplied_image(s.tested);
     const Image truth = surfel::read_premultiplied_image(s.truth);
     if (tested.width != truth.width || tested.height != truth.height) {
@@ -186,11 +222,17 @@ int main(int argc, char** argv) {
                                   s.output);
     }
     const std::vector<Measure> found = measures(error, s.options.threshold);
+    const std::vector<std::string> missed = violations(error, s.limits);
+    if (page) {
+      page->write(page_of(tool, s, tested, truth, found, missed));
+      page->commit();
+      tool.wrote(s.html, "a page");
+    }
     Json json;
     for (const Measure& measure : found) json[measure.key] = measure.value;
     tool.report()["compare"] = json;
     surfel::tool::print(s.json ? json.dump(2) + "\n" : table(found));
-    if (const auto missed = violations(error, s.limits); !missed.empty()) {
+    if (!missed.empty()) {
       surfel::throw_input(surfel::tool::shown_name(s.tested),
                           fmt::format("{}", fmt::join(missed, "; ")));
     }

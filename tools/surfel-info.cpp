@@ -2,6 +2,7 @@
 // sound.
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdint>
 #include <filesystem>
@@ -14,6 +15,7 @@
 #include <nlohmann/json.hpp>
 #include <surfel/base/error.h>
 #include <surfel/base/memory.h>
+#include <surfel/base/output_file.h>
 #include <surfel/base/plugin.h>
 #include <surfel/base/shell_quote.h>
 #include <surfel/intake/intake.h>
@@ -33,6 +35,10 @@
 #include <surfel/measure/view_guess.h>
 #include <surfel/measure/volume_statistics.h>
 #include <surfel/render/render_options.h>
+#include <surfel/report/info_charts.h>
+#include <surfel/report/info_page.h>
+#include <surfel/report/page_chart.h>
+#include <surfel/report/previews.h>
 #include <surfel/scene/cloud_rows.h>
 #include <surfel/scene/image.h>
 #include <surfel/scene/surfel_variance.h>
@@ -52,6 +58,7 @@ struct Settings {
   surfel::CloudStatisticsOptions statistics;
   surfel::tool::PartSettings part;
   std::optional<std::uint64_t> memory;  ///< Bytes; unset: three quarters of what is free.
+  std::string html;                     ///< Page to write; empty: none.
 };
 
 Json describe(const surfel::Vec3d& v) { return {v.x(), v.y(), v.z()}; }
@@ -410,10 +417,11 @@ std::string property_list(const Json& properties) {
   return out;
 }
 
-std::string for_people(const Json& description) {
-  std::string out;
+/// What is described, by name, in lines: a name is empty where a line goes on with the one before.
+std::vector<std::pair<std::string, std::string>> lines_of(const Json& description) {
+  std::vector<std::pair<std::string, std::string>> out;
   const auto line = [&](const std::string& key, const std::string& value) {
-    out += fmt::format("{:20} {}\n", key, value);
+    out.emplace_back(key, value);
   };
   for (const auto& [key, value] : description.items()) {
     if (key == "properties") {
@@ -444,6 +452,88 @@ std::string for_people(const Json& description) {
   return out;
 }
 
+std::string for_people(const Json& description) {
+  std::string out;
+  for (const auto& [key, value] : lines_of(description)) {
+    out += fmt::format("{:20} {}\n", key, value);
+  }
+  return out;
+}
+
+/// The figures that a page begins with, where the description has them.
+std::vector<std::pair<std::string, std::string>> main_figures(const Json& description) {
+  std::vector<std::pair<std::string, std::string>> out;
+  for (const char* key : {"count", "vertices", "faces", "width", "height", "size", "bounds",
+                          "spacing", "radius", "coverage", "scale", "levels", "view"}) {
+    const auto found = description.find(key);
+    if (found != description.end() && !found->is_null()) out.emplace_back(key, text(*found));
+  }
+  return out;
+}
+
+/// Charts of histograms that the description has, and of the values of surfels and pictures.
+std::vector<surfel::InfoChart> charts_of(const std::string& file, const Json& description,
+                                         const Settings& s) {
+  std::vector<surfel::InfoChart> charts;
+  for (const auto& [key, value] : description.items()) {
+    if (!key.ends_with("_histogram")) continue;
+    const surfel::Histogram histogram{value["edges"], value["counts"]};
+    charts.push_back({key.substr(0, key.rfind('_')), "", surfel::histogram_svg(histogram)});
+  }
+  const std::string kind = description["kind"];
+  if (kind == "image") {
+    const auto more = surfel::image_charts(surfel::read_image(file));
+    charts.insert(charts.end(), more.begin(), more.end());
+  }
+  if (kind != "surfels") return charts;
+  surfel::CloudReadOptions some = s.part.options();
+  const std::uint64_t count = description["count"].get<std::uint64_t>();
+  const std::uint64_t every =
+      std::max<std::uint64_t>(1, (count + surfel::kChartSurfels - 1) / surfel::kChartSurfels);
+  some.every *= every;
+  const auto up = description["view"]["up"].get<std::array<double, 3>>();
+  return surfel::cloud_charts(surfel::read_cloud(file, some), {up[0], up[1], up[2]},
+                              every > 1 ? fmt::format("of one in {} surfels", some.every) : "");
+}
+
+/// The page of a file that has been described.
+std::string page_of(const Tool& tool, const std::string& file, const Json& description,
+                    const Settings& s) {
+  surfel::InfoPage page;
+  page.file = file;
+  page.kind = description["kind"];
+  page.figures = main_figures(description);
+  Json rest = description;
+  if (description.contains("needs")) {
+    page.findings.emplace();
+    for (const Json& need : description["needs"]) {
+      page.findings->push_back({need["topic"], need["measure"], need["command"]});
+    }
+    rest.erase("needs");
+  }
+  page.next = description["next"];
+  rest.erase("next");
+  for (const auto& [key, value] : description.items()) {
+    if (key.ends_with("_histogram")) rest.erase(key);
+  }
+  page.facts = lines_of(rest);
+  page.charts = charts_of(file, description, s);
+  try {
+    surfel::PreviewOptions options;
+    options.part = s.part.options();
+    options.memory = s.memory;
+    page.pictures = surfel::preview_pictures(file, options);
+  } catch (const surfel::Error& error) {
+    // What cannot be drawn is still described.
+    if (error.kind() != surfel::ErrorKind::kInput) throw;
+    page.no_pictures = fmt::format("There is no picture: {}", error.what());
+  }
+  page.command = fmt::format(
+      "surfel-info {}{}", surfel::shell_file(file),
+      tool.options_given({"threads", "quiet", "verbose", "progress", "stats", "no-clobber"}));
+  return surfel::info_page_html(page);
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -460,6 +550,9 @@ int main(int argc, char** argv) {
                   "Surfels, trained splats, mesh or image (- = surfels from standard input)")
       ->required();
   tool.app().add_flag("--json", json, "Print JSON");
+  tool.app().add_option("--html", settings.html,
+                        "Page to write: pictures, histograms, what is wrong and what to do, all "
+                        "figures; it opens in a browser and needs no network");
   surfel::tool::add_part(tool.app(), settings.part);
   tool.app().add_option("--cutoff", options.cutoff,
                         "Cutoff c at which discs of radius sqrt(2 c variance) should cover, > 0");
@@ -469,15 +562,31 @@ int main(int argc, char** argv) {
   surfel::tool::add_memory(tool.app(), settings.memory,
                            "Memory for surfels: a larger file, but for PLY and PCD as text, PCD "
                            "compressed and standard input, is read in pieces, several times");
-  tool.everyday({"--json", "--cutoff", "--samples", "--memory"},
-                {"surfel-info lion.ply", "surfel-info lion.obj", "surfel-info lion.ply --json"});
+  tool.everyday({"--json", "--html", "--cutoff", "--samples", "--memory"},
+                {"surfel-info lion.ply", "surfel-info lion.obj --html lion.html",
+                 "surfel-info lion.ply --json"});
   tool.reads_images();
   tool.files().reads({"file"});
+  tool.files().writes("--html", surfel::tool::Writes::kPage);
   return tool.run(argc, argv, [&] {
     std::vector<std::string> problems = options.problems();
     surfel::tool::append(problems, settings.part.options().problems());
+    if (!settings.html.empty() && file == "-") {
+      problems.emplace_back("--html reads the surfels several times; name a file");
+    }
+    if (settings.html == "-") {
+      problems.emplace_back("the figures go to standard output; name a file for --html");
+    }
     surfel::tool::require_valid(problems);
+    // What cannot be written fails before the work.
+    std::optional<surfel::OutputFile> page;
+    if (!settings.html.empty()) page.emplace(settings.html, tool.common().no_clobber);
     const Json description = describe_file(file, settings, tool);
+    if (page) {
+      page->write(page_of(tool, file, description, settings));
+      page->commit();
+      tool.wrote(settings.html, "a page");
+    }
     const auto replace = Json::error_handler_t::replace;
     surfel::tool::print(json ? description.dump(2, ' ', false, replace) + "\n"
                              : for_people(description));

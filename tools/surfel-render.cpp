@@ -32,6 +32,7 @@
 #include "tools/render/gaussians.h"
 #include "tools/render/light.h"
 #include "tools/render/painters.h"
+#include "tools/render/pixel_report.h"
 #include "tools/render/settings.h"
 #include "tools/render/surfels.h"
 #include "tools/render/views.h"
@@ -193,7 +194,8 @@ std::vector<std::pair<std::string, std::string>> metadata(const Subject& subject
 /// Throws Error(kUsage) where several processes cannot share the work.
 void check_ranks(surfel::tool::Tool& tool, const Settings& s) {
   surfel::tool::require_valid(surfel::tool::without_effect(
-      tool.app(), {"--tiles", "--contact-sheet", "--keep", "--print-commands", "--explain"},
+      tool.app(),
+      {"--tiles", "--contact-sheet", "--keep", "--print-commands", "--explain", "--explain-pixel"},
       "by several processes"));
   if (s.projection == Projection::kEquirectangular) {
     surfel::throw_usage("panoramas are made by one process; start surfel-render without mpirun");
@@ -222,9 +224,18 @@ surfel::Image paint_rows(const Settings& s, const Subject& subject, const Paint&
   return image;
 }
 
+/// The pixels of a picture that are to be explained, explained.
+std::vector<surfel::PixelExplanation> pixels_of(const Settings& s, Subject& subject,
+                                                const surfel::Scene& scene,
+                                                const surfel::Camera& camera) {
+  if (subject.gaussians) return subject.gaussians->explain(s, camera);
+  return subject.loaded ? explain_pixels(s, *subject.loaded, scene, camera)
+                        : std::vector<surfel::PixelExplanation>();
+}
+
 /// Makes the pictures of all views, each in several steps where that is asked for, and writes them;
 /// returns their files. \param ranks  the processes that do so together; null: this one alone.
-std::vector<std::string> draw(surfel::tool::Tool& tool, const Settings& s, const Subject& subject,
+std::vector<std::string> draw(surfel::tool::Tool& tool, const Settings& s, Subject& subject,
                               surfel::Scene& scene, const std::vector<Paint>& steps,
                               const std::vector<surfel::View>& views,
                               const std::vector<Shot>& shots, surfel::Ranks* ranks) {
@@ -243,6 +254,7 @@ std::vector<std::string> draw(surfel::tool::Tool& tool, const Settings& s, const
   }
   surfel::ProgressStage stage("rendering", pixels * steps.size(), "pixels");
   std::vector<std::string> files;
+  std::string explanations;
   surfel::ImageQueue queue(pictures > 1 ? kPicturesInFlight : 0);
   surfel::RowBalance balance(ranks ? ranks->count() : 1);
   for (std::size_t i = 0; i < pictures; ++i) {
@@ -262,6 +274,12 @@ std::vector<std::string> draw(surfel::tool::Tool& tool, const Settings& s, const
     warn(tool, s, shot.number, frame);
     if (s.explain && i + 1 == steps.size()) explain(tool, s, *subject.loaded, view.camera, frame);
     frames[i] = to_json(frame);
+    if (step + 1 == steps.size()) {
+      for (const surfel::PixelExplanation& pixel : pixels_of(s, subject, scene, view.camera)) {
+        frames[i]["pixels"].push_back(to_json(pixel));
+        explanations += to_text(pixel, shot.file);
+      }
+    }
     // Only the first step must find no file: the others find its.
     if (step == 0) files.push_back(shot.file);
     surfel::ImageWriteOptions options{
@@ -281,6 +299,7 @@ std::vector<std::string> draw(surfel::tool::Tool& tool, const Settings& s, const
     frames[i]["encode_ms"] = queue.milliseconds()[i];
   }
   tool.report()["frames"] = std::move(frames);
+  if (!explanations.empty()) surfel::tool::print(explanations);
   return files;
 }
 
@@ -347,6 +366,7 @@ int main(int argc, char** argv) {
     }
     std::vector<surfel::View> views = find_views(tool, s, subject, asked, scene);
     if (s.tiles) choose_part(*s.tiles, views);
+    require_pixels(s, views);
     const std::vector<Paint> steps = subject.gaussians ? std::vector{subject.gaussians->paint()}
                                      : subject.mesh
                                          ? std::vector{subject.mesh->paint()}

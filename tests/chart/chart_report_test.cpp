@@ -117,15 +117,6 @@ TEST_F(SmallReport, IsWrittenWholeOrNotAtAll) {
   EXPECT_ANY_THROW(write_report(report_, "", folder_ / "", folder_ / "out", true));
 }
 
-TEST(Base64, KnownValues) {
-  EXPECT_EQ(base64(""), "");
-  EXPECT_EQ(base64("f"), "Zg==");
-  EXPECT_EQ(base64("fo"), "Zm8=");
-  EXPECT_EQ(base64("foo"), "Zm9v");
-  EXPECT_EQ(base64("foobar"), "Zm9vYmFy");
-  EXPECT_EQ(base64("\xff\xfe\xfd"), "//79");
-}
-
 TEST(CsvField, QuotesWhatNeedsIt) {
   EXPECT_EQ(csv_field("plain"), "plain");
   EXPECT_EQ(csv_field("a,b"), "\"a,b\"");

@@ -74,6 +74,41 @@ TEST(Compare, AMissedLimitIsAFailure) {
   }
 }
 
+TEST(Compare, WritesAPageThatIsTheSameEachTime) {
+  const Pictures p;
+  const std::string hostile = p.folder / "<b>&'.exr";
+  std::filesystem::copy_file(p.changed, hostile);
+  const std::string page = p.folder / "page.html";
+  const Words command{tool("surfel-compare"), hostile, p.grey, "--html", page};
+  ASSERT_EQ(run(command).exit_code, 0);
+  const std::string html = read_text(page);
+  EXPECT_TRUE(contains(html, "</html>"));
+  EXPECT_TRUE(contains(html, "&lt;b&gt;&amp;&#39;.exr"));
+  EXPECT_FALSE(contains(html, "<b>&'"));
+  ASSERT_EQ(run(command).exit_code, 0);
+  EXPECT_EQ(read_text(page), html);
+  // A missed limit is in the page, and a failure.
+  Words limited = command;
+  limited.insert(limited.end(), {"--min-psnr", "60"});
+  EXPECT_EQ(run(limited).exit_code, 1);
+  EXPECT_TRUE(contains(read_text(page), "below --min-psnr 60"));
+}
+
+TEST(Compare, WritesNoPartOfAPage) {
+  const Pictures p;
+  const std::string folder = p.folder / "pages";
+  std::filesystem::create_directory(folder);
+  EXPECT_EQ(run({tool("surfel-compare"), p.small, p.grey, "--html", folder + "/a.html"}).exit_code,
+            1);
+  EXPECT_EQ(
+      run({tool("surfel-compare"), p.grey, p.grey, "--html", folder + "/none/a.html"}).exit_code,
+      1);
+  EXPECT_EQ(run({tool("surfel-compare"), p.grey, p.grey, "--html", folder + "/a.png"}).exit_code,
+            2);
+  EXPECT_EQ(run({tool("surfel-compare"), p.grey, p.grey, "--html", "-"}).exit_code, 2);
+  EXPECT_TRUE(std::filesystem::is_empty(folder));
+}
+
 TEST(Compare, RefusesWhatCannotBeCompared) {
   const Pictures p;
   const RunResult sizes = run({tool("surfel-compare"), p.small, p.grey});

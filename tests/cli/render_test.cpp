@@ -1,6 +1,7 @@
 // surfel-render: the renderers that it chooses from, and options that would have no effect.
 
 #include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
 #include <surfel/io/image_io.h>
 #include <surfel/scene/image.h>
 #include <surfel/truth/image_error.h>
@@ -139,6 +140,17 @@ TEST(Render, OptionsWithoutEffectAreRefused) {
         Words{"--mesh", s.mesh, "--scene", glass, "--bounces", "2", "--refraction", "single"},
         Words{s.surfels, "--reference", "--explain"},
         Words{"--mesh", s.mesh, "--explain"},
+        Words{s.surfels, "--reference", "--explain-pixel", "3,4"},
+        Words{s.surfels, "--filter", "ewa-source", "--explain-pixel", "3,4"},
+        Words{"--mesh", s.mesh, "--explain-pixel", "3,4"},
+        Words{s.surfels, "--contact-sheet", "--explain-pixel", "3,4"},
+        Words{s.surfels, "--eye", "0,0,1", "--projection", "equirectangular", "--explain-pixel",
+              "3,4"},
+        Words{s.surfels, "--explain-pixel", "3"},
+        Words{s.surfels, "--explain-pixel", "3,4,5"},
+        Words{s.surfels, "--explain-pixel=-1,4"},
+        Words{s.surfels, "--size", "64x32", "--explain-pixel", "64,4"},
+        Words{s.surfels, "--size", "64x32", "--explain-pixel", "3,4", "--explain-pixel", "3,32"},
         Words{s.surfels, "--scene", glass, "--shading", "none", "--refraction", "single"},
         Words{}}) {
     Words command{tool("surfel-render"), "-o", s.folder / "refused.png"};
@@ -203,6 +215,55 @@ TEST(Render, ExplainsItsChoicesOnce) {
   // So near to the square that affine kernels are wrong.
   EXPECT_EQ(lit.find("kernel: exact for 0 of"), std::string::npos) << lit;
   EXPECT_NE(explanation({"--shading", "none"}).find("normals: left out"), std::string::npos);
+}
+
+TEST(Render, ExplainsPixelsOfEveryPicture) {
+  const Square& s = Square::get();
+  const TemporaryFolder folder;
+  const RunResult result =
+      run({tool("surfel-render"), s.surfels, "--size", "64x48", "--turntable", "2", "--shading",
+           "none", "--explain-pixel", "32,24", "--explain-pixel", "0,0", "-o", folder / "t%d.exr",
+           "--stats", folder / "stats.json"});
+  ASSERT_EQ(result.exit_code, 0) << result.errors;
+  for (const char* part : {"t0.exr, pixel 32,24: ", "t0.exr, pixel 0,0: ", "t1.exr, pixel 32,24: ",
+                           "layers, nearest first", "splats, in the order"}) {
+    EXPECT_TRUE(contains(result.output, part)) << part << " in " << result.output;
+  }
+  const auto report = nlohmann::json::parse(read_text(folder / "stats.json"));
+  for (int i = 0; i < 2; ++i) {
+    const Image image = read_image(folder / ("t" + std::to_string(i) + ".exr"), true);
+    const auto& pixels = report["frames"][static_cast<std::size_t>(i)]["pixels"];
+    ASSERT_EQ(pixels.size(), 2U);
+    for (const auto& pixel : pixels) {
+      const float* shown = image.pixel(pixel["x"], pixel["y"]);
+      for (std::size_t c = 0; c < 3; ++c) {
+        double sum = 0;
+        for (const auto& splat : pixel["splats"]) {
+          sum += splat["share"].get<double>() * splat["color"][c].get<double>();
+        }
+        EXPECT_NEAR(sum, shown[c], 1e-5);
+        EXPECT_NEAR(pixel["pixel"][c].get<double>(), shown[c], 1e-6);
+      }
+    }
+    EXPECT_GT(pixels[0]["splats"].size(), 1U);
+  }
+  EXPECT_EQ(run({tool("surfel-render"), s.surfels, "--explain-pixel", "1,1", "-o", "-"}).exit_code,
+            2);
+}
+
+TEST(Render, ExplainsPixelsOfParts) {
+  const Square& s = Square::get();
+  const TemporaryFolder folder;
+  Words command{tool("surfel-render"), s.surfels,        "--size", "64", "--tiles", "2/4", "-o",
+                folder / "part.exr",   "--explain-pixel"};
+  command.emplace_back("20,20");
+  const RunResult inside = run(command);
+  EXPECT_EQ(inside.exit_code, 0) << inside.errors;
+  EXPECT_TRUE(contains(inside.output, "part.exr, pixel 20,20: ")) << inside.output;
+  command.back() = "20,40";
+  const RunResult outside = run(command);
+  EXPECT_EQ(outside.exit_code, 2);
+  EXPECT_TRUE(contains(outside.errors, "outside of the part")) << outside.errors;
 }
 
 TEST(Render, EveryMethodSeesTheSamePicture) {

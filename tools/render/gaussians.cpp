@@ -185,6 +185,7 @@ void GaussianPainter::choose_clusters(const Camera& camera) {
   require_memory(count, cloud_);
   cloud_ = {};  // Before others take its place.
   cloud_ = levels_->read(clusters);
+  clusters_ = clusters;
 }
 
 SceneExtent GaussianPainter::extent() const {
@@ -211,6 +212,22 @@ void GaussianPainter::aim(tool::Tool& tool, const Settings& s,
     hints.up_reason = reason;
   }
   if (needs_guess(s, views)) render_tool::aim(tool, s, sample_surface(sample), hints, views);
+}
+
+std::vector<PixelExplanation> GaussianPainter::explain(const Settings& s, const Camera& camera) {
+  std::vector<PixelExplanation> all;
+  for (const auto& [x, y] : s.explained_pixels) {
+    PixelExplanation& pixel = all.emplace_back(renderer_->explain(camera, x, y));
+    if (!levels_) continue;
+    // Levels that a file stores have no Gaussians that cannot be drawn.
+    std::vector<std::uint64_t> place;
+    for (const std::uint32_t c : clusters_) {
+      const auto& cluster = levels_->head().tree[c];
+      for (std::uint64_t i = cluster.begin; i < cluster.end; ++i) place.push_back(i);
+    }
+    for (ExplainedSplat& splat : pixel.splats) splat.surfel = place[splat.surfel];
+  }
+  return all;
 }
 
 Paint GaussianPainter::paint() {

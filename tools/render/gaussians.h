@@ -39,6 +39,8 @@ class GaussianPainter {
   void aim(tool::Tool& tool, const Settings& s, std::vector<AskedView>& views) const;
   /// Makes pictures, as long as this object lives.
   Paint paint();
+  /// The pixels of a picture that are to be explained, explained.
+  std::vector<PixelExplanation> explain(const Settings& s, const Camera& camera);
 
  private:
   void load(tool::Tool& tool, const Settings& s);
@@ -50,10 +52,11 @@ class GaussianPainter {
   std::string profile_;
   std::unique_ptr<GaussianLevels> levels_;  ///< Null where all Gaussians are in memory.
   GaussianOptions options_;
-  double error_ = 0;          ///< Of levels, pixels.
-  std::uint64_t memory_ = 0;  ///< Bytes that Gaussians may take while they are drawn.
-  GaussianCloud cloud_;       ///< What is drawn; of levels what the last picture drew.
-  GaussianCloud sample_;      ///< Of levels: a coarse one, by which the scene is framed.
+  std::vector<std::uint32_t> clusters_;  ///< Of levels: what the last picture drew.
+  double error_ = 0;                     ///< Of levels, pixels.
+  std::uint64_t memory_ = 0;             ///< Bytes that Gaussians may take while they are drawn.
+  GaussianCloud cloud_;                  ///< What is drawn; of levels what the last picture drew.
+  GaussianCloud sample_;                 ///< Of levels: a coarse one, by which the scene is framed.
   std::shared_ptr<GaussianRenderer> renderer_;  ///< Refers to the cloud.
 };
 

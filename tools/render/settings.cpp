@@ -422,18 +422,19 @@ void require_effect(const CLI::App& app, const Settings& s) {
     tool::require_valid(tool::without_effect(app, options, "with " + renderer));
   };
   const auto refuse_fast = [&](const std::string& renderer, std::vector<std::string> options) {
-    for (const char* option : {"--kernel", "--kernel-tolerance", "--layers", "--method",
-                               "--voronoi", "--layers-by", "--peel", "--relief", "--explain"}) {
+    for (const char* option :
+         {"--kernel", "--kernel-tolerance", "--layers", "--method", "--voronoi", "--layers-by",
+          "--peel", "--relief", "--explain", "--explain-pixel"}) {
       options.emplace_back(option);
     }
     refuse(renderer, options);
   };
-  if (s.contact_sheet) refuse("--contact-sheet", {"--legend"});
+  if (s.contact_sheet) refuse("--contact-sheet", {"--legend", "--explain-pixel"});
   if (s.reference) refuse_fast("--reference", {"--filter", "--contact-sheet"});
   if (s.filter == Filter::kEwaSource) refuse_fast("--filter ewa-source", {"--contact-sheet"});
   if (blends_layers(s)) refuse("methods that blend layers", {"--contact-sheet"});
   if (s.projection == Projection::kEquirectangular) {
-    refuse("--projection equirectangular", {"--contact-sheet"});
+    refuse("--projection equirectangular", {"--contact-sheet", "--explain-pixel"});
   }
   static const std::map<Method, std::pair<const char*, std::vector<std::string>>> kMethods{
       {Method::kABuffer, {"abuffer", {"--voronoi", "--layers-by", "--peel"}}},
@@ -493,6 +494,9 @@ void check_tiles(const CLI::App& app, const Settings& s) {
 void check(const Settings& s) {
   if (s.print_commands && s.output == "-") {
     throw_usage("--print-commands and --output - both write to standard output");
+  }
+  if (!s.explained_pixels.empty() && s.output == "-") {
+    throw_usage("--explain-pixel and --output - both write to standard output");
   }
   if (s.inputs.size() > 1 && std::count(s.inputs.begin(), s.inputs.end(), "-") > 0) {
     throw_usage("standard input (-) does not go together with other files");
@@ -575,6 +579,17 @@ void declare_options(CLI::App& app, Settings& s) {
                "Write the commands that do the same, one by one, to standard output");
   app.add_flag("--explain", s.explain,
                "Say what was chosen for the (first) picture where there was a choice, and why");
+  add_texts(
+      app, "--explain-pixel", "X,Y",
+      "Write to standard output what made the pixel in column X and row Y of each picture, 0,0 "
+      "at the top left: splats, weights, depths, layers; --stats has all of it; several may be "
+      "given",
+      [&s](const std::vector<std::string>& texts) {
+        s.explained_pixels.clear();
+        for (const std::string& text : texts) {
+          s.explained_pixels.push_back(parse_pixel("--explain-pixel", text));
+        }
+      });
   add_memory(app, s.memory,
              "Memory for surfels or Gaussians and what a picture makes of them; a binary PLY file "
              "that needs more, in space-filling order or nearly, is read piece by piece, for each "

@@ -65,8 +65,9 @@ struct Settings {
   std::optional<int> epsg;    ///< The map's coordinate system.
   bool contact_sheet = false;
   bool explain = false;
-  std::optional<std::array<float, 4>> background;  ///< Unset: by the picture's format.
-  std::array<float, 4> sheet_background{};         ///< Of a contact sheet; its alpha has no effect.
+  std::vector<std::array<int, 2>> explained_pixels;  ///< Column and row of each.
+  std::optional<std::array<float, 4>> background;    ///< Unset: by the picture's format.
+  std::array<float, 4> sheet_background{};  ///< Of a contact sheet; its alpha has no effect.
   Shading shading = Shading::kAuto;
   ReliefChoice relief = ReliefChoice::kAuto;
   std::string color_by = "auto";  ///< Attribute, or auto or none.

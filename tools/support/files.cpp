@@ -45,6 +45,8 @@ Formats formats_of(Writes what) {
       return {"skies, which are brighter than white,", {".exr", ".hdr"}};
     case Writes::kReport:
       return {"reports", {".json", ""}};
+    case Writes::kPage:
+      return {"pages", {".html", ".htm"}};
     case Writes::kPicture:
     case Writes::kFilm:
     case Writes::kAny:

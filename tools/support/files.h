@@ -19,6 +19,7 @@ enum class Writes {
   kFilm,     ///< The same, or .mp4, .webm, .gif.
   kSky,      ///< Pictures of unbounded values: .exr, .hdr.
   kReport,   ///< .json, or no extension.
+  kPage,     ///< .html, .htm.
   kAny       ///< A folder, or what is known only later: any name.
 };
 

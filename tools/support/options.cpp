@@ -165,6 +165,16 @@ std::array<std::size_t, 2> parse_range(const std::string& option, const std::str
   throw_conversion(option, text, "two whole numbers such as 0-99, the smaller one first");
 }
 
+std::array<int, 2> parse_pixel(const std::string& option, const std::string& text) {
+  const std::size_t comma = text.find(',');
+  if (comma != std::string::npos) {
+    const auto x = parse_number<int>(text.data(), text.data() + comma);
+    const auto y = parse_number<int>(text.data() + comma + 1, text.data() + text.size());
+    if (x && y && *x >= 0 && *y >= 0) return {*x, *y};
+  }
+  throw_conversion(option, text, "column and row of a pixel such as 320,240, from 0,0 on");
+}
+
 PartNumber parse_part(const std::string& option, const std::string& text) {
   const std::optional<PartNumber> part = PartNumber::parse(text);
   if (!part) throw_conversion(option, text, "a part of several such as 3/8, from 1/8 to 8/8");
@@ -182,6 +192,19 @@ CLI::Option* add_text(CLI::App& app, const std::string& names, const std::string
       },
       description);
   return option->type_name(type)->default_str(value)->expected(1);
+}
+
+CLI::Option* add_texts(CLI::App& app, const std::string& names, const std::string& type,
+                       const std::string& description,
+                       const std::function<void(const std::vector<std::string>&)>& assign) {
+  CLI::Option* option = app.add_option(
+      names,
+      [assign](const CLI::results_t& results) {
+        assign(results);
+        return true;
+      },
+      description);
+  return option->type_name(type)->expected(1)->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
 }
 
 CLI::Option* add_memory(CLI::App& app, std::optional<std::uint64_t>& value,

@@ -41,6 +41,9 @@ CLI::Option* add_memory(CLI::App& app, std::optional<std::uint64_t>& value,
 /// "A-B", whole numbers with A <= B. Throws CLI::ConversionError.
 std::array<std::size_t, 2> parse_range(const std::string& option, const std::string& text);
 
+/// "X,Y", column and row of a pixel, >= 0. Throws CLI::ConversionError.
+std::array<int, 2> parse_pixel(const std::string& option, const std::string& text);
+
 /// "I/N", the I-th of N parts, I from 1 on. Throws CLI::ConversionError.
 PartNumber parse_part(const std::string& option, const std::string& text);
 
@@ -68,6 +71,11 @@ std::vector<std::string> without_effect(const CLI::App& app,
 CLI::Option* add_text(CLI::App& app, const std::string& names, const std::string& type,
                       const std::string& value, const std::string& description,
                       const std::function<void(const std::string&)>& assign);
+
+/// Declares an option that may be given several times; `assign` gets all of its texts.
+CLI::Option* add_texts(CLI::App& app, const std::string& names, const std::string& type,
+                       const std::string& description,
+                       const std::function<void(const std::vector<std::string>&)>& assign);
 
 /// The long name of "-o,--output": "--output".
 std::string long_name(const std::string& names);

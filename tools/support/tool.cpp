@@ -439,8 +439,9 @@ std::string Tool::provenance() const {
   for (const CLI::Option* option : impl_->app.get_options()) {
     const std::string name = plain_name(*option);
     static const std::vector<std::string> kWithoutEffect = {
-        "threads", "memory",     "config", "quiet", "verbose",       "progress", "no-clobber",
-        "stats",   "max-pixels", "output", "tiles", "skip-existing", "frames",   "resume"};
+        "threads",  "memory",        "config", "quiet",      "verbose",
+        "progress", "no-clobber",    "stats",  "max-pixels", "output",
+        "tiles",    "skip-existing", "frames", "resume",     "explain-pixel"};
     if (option->count() == 0 ||
         std::count(kWithoutEffect.begin(), kWithoutEffect.end(), name) > 0) {
       continue;
@@ -464,10 +465,12 @@ std::string Tool::options_given(const std::vector<std::string>& without) const {
         std::count(without.begin(), without.end(), name) > 0) {
       continue;
     }
-    // With "=", as a value may begin with a minus.
-    text += " --" + name;
+    if (option->get_expected_max() == 0) text += " --" + name;
     if (option->get_expected_max() == 0) continue;
-    for (const std::string& value : option->results()) text += "=" + shell_quoted(value);
+    // With "=", as a value may begin with a minus.
+    for (const std::string& value : option->results()) {
+      text += " --" + name + "=" + shell_quoted(value);
+    }
   }
   return text;
 }

@@ -1,6 +1,5 @@
 #include <algorithm>
 #include <cmath>
-#include <map>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -12,7 +11,7 @@
 #include <surfel/chart/plot.h>
 #include <surfel/chart/tool_chain.h>
 #include <surfel/io/image_io.h>
-#include <surfel/scene/image.h>
+#include <surfel/report/page.h>
 
 namespace surfel {
 namespace {
@@ -22,55 +21,6 @@ using Json = nlohmann::json;
 /// Pictures of differences are so many times brighter, for errors of a few levels of 8 bits to
 /// show.
 constexpr double kDifferenceScale = 10;
-
-const char* const kStyle = R"(
-:root { color-scheme: light; }
-body { font: 15px/1.5 "Helvetica Neue", Helvetica, Arial, sans-serif; color: #222; background: #fff;
-  max-width: 960px; margin: 0 auto; padding: 24px 20px 60px; }
-h1 { font-size: 27px; font-weight: 600; margin: 0 0 2px; }
-h2 { font-size: 20px; font-weight: 600; margin: 46px 0 4px; padding-top: 14px;
-  border-top: 1px solid #d8d8d8; }
-h2 code { font-size: 14px; color: #666; font-weight: 400; margin-left: 8px; }
-p { margin: 4px 0 10px; }
-.sub { color: #666; margin-bottom: 18px; }
-table { border-collapse: collapse; font-size: 13px; }
-.facts th { text-align: left; font-weight: 600; color: #555; padding: 2px 18px 2px 0;
-  vertical-align: top; white-space: nowrap; }
-.facts td { padding: 2px 0; overflow-wrap: anywhere; }
-.wide { overflow-x: auto; margin: 10px 0 14px; }
-.points { width: 100%; font-variant-numeric: tabular-nums; }
-.points th { text-align: right; font-weight: 600; color: #555; border-bottom: 1.5px solid #999;
-  padding: 3px 7px; vertical-align: bottom; line-height: 1.25; }
-.points th small { font-weight: 400; color: #888; display: block; font-size: 11px; }
-.points td { text-align: right; border-bottom: 1px solid #ececec; padding: 3px 7px;
-  white-space: nowrap; }
-.points th:first-child, .points td:first-child { text-align: left; padding-left: 0; }
-.points td.refused { text-align: left; color: #888; white-space: normal; }
-.points tr.standard td { background: #fdf1ea; }
-.tag { font-size: 11px; border-radius: 3px; padding: 0 5px; margin-left: 6px; }
-.front { background: #dbe9f6; color: #174f82; }
-.default { background: #f6d9cb; color: #97310e; }
-.verdict { border-left: 4px solid #5d9f6b; background: #f1f7f2; padding: 6px 12px; }
-.verdict.off { border-color: #d1491b; background: #fdf1ea; }
-.plot { width: 100%; max-width: 800px; display: block; margin: 6px 0; }
-.pictures { display: grid; gap: 8px; margin: 12px 0; }
-figure { margin: 0; min-width: 0; }
-figure svg { width: 100%; height: auto; display: block; background: #f4f4f4; }
-figure.difference svg { background: #000; }
-figcaption { font-size: 12px; color: #555; padding: 2px 0 4px; line-height: 1.3; }
-details { margin: 8px 0; }
-summary { cursor: pointer; color: #174f82; }
-pre { font: 12px/1.45 "DejaVu Sans Mono", Menlo, Consolas, monospace; background: #f6f6f6;
-  padding: 8px 10px; white-space: pre-wrap; overflow-wrap: anywhere; margin: 6px 0; }
-pre b { font-weight: 600; color: #555; }
-nav a { margin-right: 12px; color: #174f82; text-decoration: none; }
-)";
-
-/// Bytes that are not UTF-8 replaced, so that the text can stand in a page and in JSON.
-std::string utf8(const std::string& text) {
-  return Json::parse(Json(text).dump(-1, ' ', false, Json::error_handler_t::replace))
-      .get<std::string>();
-}
 
 /// JSON knows no infinity: the PSNR of equal pictures is null.
 Json finite(double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); }
@@ -94,7 +44,8 @@ Plot plot_of(const ChartSweep& sweep) {
   Plot plot{sweep.time, {}};
   for (const ChartPoint& p : sweep.points) {
     if (!p.refused.empty()) continue;
-    plot.points.push_back({utf8(p.label), p.time.median, plotted_psnr(p), p.front, p.standard});
+    plot.points.push_back(
+        {valid_utf8(p.label), p.time.median, plotted_psnr(p), p.front, p.standard});
   }
   return plot;
 }
@@ -104,10 +55,10 @@ Json to_json(const TimeSpread& t) {
 }
 
 Json to_json(const ChartPoint& p) {
-  Json out = {{"label", utf8(p.label)}, {"default", p.standard}, {"commands", Json::array()}};
-  for (const std::string& command : p.commands) out["commands"].push_back(utf8(command));
+  Json out = {{"label", valid_utf8(p.label)}, {"default", p.standard}, {"commands", Json::array()}};
+  for (const std::string& command : p.commands) out["commands"].push_back(valid_utf8(command));
   if (!p.refused.empty()) {
-    out["refused"] = utf8(p.refused);
+    out["refused"] = valid_utf8(p.refused);
     return out;
   }
   Json stages = Json::object();
@@ -129,52 +80,23 @@ Json to_json(const ChartPoint& p) {
   return out;
 }
 
-/// Pictures of a page, each of them in it once.
+/// Pictures of the page.
 class Pictures {
  public:
-  explicit Pictures(std::string folder) : folder_(std::move(folder)) {}
-
   /// A reference to a picture's file; EXR is made a PNG first.
   std::string file(const std::string& path) {
-    if (path.ends_with(".png")) return use(whole_file(path), read_image(path));
-    const Image image = read_premultiplied_image(path);
-    return use(png(image), image);
+    if (path.ends_with(".png")) return page_.add(whole_file(path), read_image(path));
+    return page_.add(read_premultiplied_image(path));
   }
 
   std::string difference(const std::string& tested, const std::string& truth) {
-    const Image image = difference_image(read_premultiplied_image(tested),
-                                         read_premultiplied_image(truth), {}, kDifferenceScale);
-    return use(png(image), image);
+    return page_.add(difference_image(read_premultiplied_image(tested),
+                                      read_premultiplied_image(truth), {}, kDifferenceScale));
   }
 
  private:
-  std::string png(const Image& image) const {
-    const std::string path = folder_ + "/page.png";
-    write_image(image, path);
-    return whole_file(path);
-  }
-
-  /// The first use holds the picture, later ones refer to it.
-  std::string use(const std::string& bytes, const Image& image) {
-    const std::string id = "p" + text_hash(bytes);
-    const std::string open = fmt::format(R"(<svg viewBox="0 0 {0} {1}" width="{0}" height="{1}">)",
-                                         image.width, image.height);
-    if (!known_.emplace(id, true).second)
-      return open + fmt::format(R"(<use href="#{}"/></svg>)", id);
-    return open + fmt::format(R"(<image id="{}" width="{}" height="{}" )"
-                              R"(href="data:image/png;base64,{}"/></svg>)",
-                              id, image.width, image.height, base64(bytes));
-  }
-
-  std::string folder_;
-  std::map<std::string, bool> known_;
+  PagePictures page_;
 };
-
-std::string figure(const std::string& kind, const std::string& picture,
-                   const std::string& caption) {
-  return fmt::format("<figure class=\"{}\">{}<figcaption>{}</figcaption></figure>\n", kind, picture,
-                     caption);
-}
 
 /// The points whose pictures are shown: the default, the fastest, the most and the least accurate.
 std::vector<std::pair<std::string, const ChartPoint*>> shown_points(const ChartSweep& sweep) {
@@ -203,14 +125,14 @@ std::vector<std::pair<std::string, const ChartPoint*>> shown_points(const ChartS
 
 std::string pictures_html(const ChartSweep& sweep, Pictures& pictures) {
   const auto shown = shown_points(sweep);
-  std::string first = figure("", pictures.file(sweep.truth), "Truth");
+  std::string first = figure_html("", pictures.file(sweep.truth), "Truth");
   std::string second = "<div></div>\n";
   for (const auto& [what, p] : shown) {
-    first +=
-        figure("", pictures.file(p->picture), fmt::format("{} ({})", escape_html(p->label), what));
-    second += figure("difference", pictures.difference(p->picture, sweep.truth),
-                     fmt::format("its difference, times {:g}; {} dB", kDifferenceScale,
-                                 psnr_text(p->error.psnr)));
+    first += figure_html("", pictures.file(p->picture),
+                         fmt::format("{} ({})", escape_html(p->label), what));
+    second += figure_html("difference", pictures.difference(p->picture, sweep.truth),
+                          fmt::format("its difference, times {:g}; {} dB", kDifferenceScale,
+                                      psnr_text(p->error.psnr)));
   }
   return fmt::format(
       "<div class=\"pictures\" style=\"grid-template-columns:repeat({}, 1fr)\">\n{}{}</div>\n",
@@ -305,40 +227,11 @@ std::string sweep_html(const ChartSweep& sweep, Pictures& pictures, const std::s
 
 }  // namespace
 
-std::string escape_html(const std::string& text) {
-  static const std::map<char, std::string> kEntities{
-      {'<', "&lt;"}, {'>', "&gt;"}, {'&', "&amp;"}, {'"', "&quot;"}, {'\'', "&#39;"}};
-  std::string out;
-  for (const char c : utf8(text)) {
-    const auto entity = kEntities.find(c);
-    out += entity == kEntities.end() ? std::string(1, c) : entity->second;
-  }
-  return out;
-}
-
 std::string csv_field(const std::string& text) {
   if (text.find_first_of(",\"\r\n") == std::string::npos) return text;
   std::string out = "\"";
   for (const char c : text) out += c == '"' ? std::string("\"\"") : std::string(1, c);
   return out + "\"";
-}
-
-std::string base64(const std::string& bytes) {
-  static const char* const kDigits =
-      "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-  std::string out;
-  out.reserve((bytes.size() + 2) / 3 * 4);
-  for (std::size_t i = 0; i < bytes.size(); i += 3) {
-    const auto byte = [&](std::size_t k) {
-      return i + k < bytes.size() ? static_cast<unsigned char>(bytes[i + k]) : 0U;
-    };
-    const unsigned word = byte(0) << 16 | byte(1) << 8 | byte(2);
-    out += kDigits[word >> 18];
-    out += kDigits[word >> 12 & 63];
-    out += i + 1 < bytes.size() ? kDigits[word >> 6 & 63] : '=';
-    out += i + 2 < bytes.size() ? kDigits[word & 63] : '=';
-  }
-  return out;
 }
 
 std::string report_csv(const ChartReport& report) {
@@ -371,9 +264,9 @@ std::string report_csv(const ChartReport& report) {
 std::string report_json(const ChartReport& report) {
   Json out = {
       {"summary", Json::object()}, {"truth_commands", Json::array()}, {"sweeps", Json::array()}};
-  for (const auto& [key, value] : report.summary) out["summary"][key] = utf8(value);
+  for (const auto& [key, value] : report.summary) out["summary"][key] = valid_utf8(value);
   for (const std::string& command : report.truth_commands) {
-    out["truth_commands"].push_back(utf8(command));
+    out["truth_commands"].push_back(valid_utf8(command));
   }
   if (!report.camera_path.empty()) out["camera_path"] = report.camera_path;
   for (const ChartSweep& sweep : report.sweeps) {
@@ -382,7 +275,7 @@ std::string report_json(const ChartReport& report) {
     out["sweeps"].push_back({{"name", sweep.name},
                              {"title", sweep.title},
                              {"time", sweep.time},
-                             {"verdict", utf8(sweep.verdict)},
+                             {"verdict", valid_utf8(sweep.verdict)},
                              {"default_off_front", sweep.standard_off},
                              {"default_time_factor", sweep.standard.time},
                              {"default_error_factor", sweep.standard.error},
@@ -393,7 +286,7 @@ std::string report_json(const ChartReport& report) {
 
 std::string report_html(const ChartReport& report, const std::string& command,
                         const std::string& folder) {
-  Pictures pictures(folder);
+  Pictures pictures;
   std::string sweeps;
   std::string links;
   std::string off;
@@ -407,27 +300,22 @@ std::string report_html(const ChartReport& report, const std::string& command,
   if (off.empty()) {
     off = "<p class=\"verdict\">No default is off its Pareto front by more than 20 %.</p>\n";
   }
-  std::string facts;
-  for (const auto& [key, value] : report.summary) {
-    facts += fmt::format("<tr><th>{}</th><td>{}</td></tr>\n", escape_html(key), escape_html(value));
-  }
   std::string truth;
-  for (const std::string& line : report.truth_commands) truth += escape_html(line) + "\n";
+  for (const std::string& line : report.truth_commands) truth += line + "\n";
   if (!report.camera_path.empty()) {
     truth += "\n# path.toml, the cameras of the flicker's frames (--camera path.toml)\n" +
-             escape_html(report.camera_path);
+             report.camera_path;
   }
   const std::string input = report.summary.empty() ? "" : report.summary.front().second;
-  const std::string name = escape_html(input.substr(input.rfind('/') + 1));
-  return fmt::format(
-      "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\n"
-      "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n"
-      "<title>Speed against accuracy: {0}</title>\n<style>{1}</style></head><body>\n"
-      "<h1>Speed against accuracy</h1>\n<p class=\"sub\">{0}, by surfel-chart</p>\n"
-      "<table class=\"facts\">\n{2}</table>\n<h2>Defaults</h2>\n{3}<nav>{4}</nav>\n{5}"
-      "<h2>To repeat it</h2>\n<p>The whole report:</p><pre>{6}</pre>\n<p>The truth, and the path:"
-      "</p><pre>{7}</pre>\n</body></html>\n",
-      name, kStyle, facts, off, links, sweeps, escape_html(command), truth);
+  const std::string name = input.substr(input.rfind('/') + 1);
+  return page_html(
+      {.title = "Speed against accuracy: " + name,
+       .heading = "Speed against accuracy",
+       .subtitle = name + ", by surfel-chart",
+       .body_html = facts_html(report.summary) + "<h2>Defaults</h2>\n" + off + "<nav>" + links +
+                    "</nav>\n" + sweeps + "<h2>To repeat it</h2>\n<p>The whole report:</p>" +
+                    pre_html(command) + "<p>The truth, and the path:</p>" + pre_html(truth),
+       .script = ""});
 }
 
 void write_report(const ChartReport& report, const std::string& command,

@@ -7,14 +7,8 @@
 
 namespace surfel {
 
-/// Text for HTML: < > & " ' escaped, bytes that are not UTF-8 replaced.
-SURFEL_API std::string escape_html(const std::string& text);
-
 /// Text as a field of CSV (RFC 4180): quoted where it holds a comma, a quote or a line's end.
 SURFEL_API std::string csv_field(const std::string& text);
-
-/// Standard base 64, padded.
-SURFEL_API std::string base64(const std::string& bytes);
 
 /// The report as CSV: a row for every point.
 SURFEL_API std::string report_csv(const ChartReport& report);

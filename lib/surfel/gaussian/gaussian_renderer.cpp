@@ -87,6 +87,21 @@ Camera magnified(Camera camera, int times) {
   return camera;
 }
 
+void set_background(const GaussianOptions& options, GaussianOutput& out) {
+  const std::array<float, 4>& background = options.background;
+  for (std::size_t c = 0; c < 3; ++c) {
+    out.background[c] = linear_to_srgb(background[c]) * background[3];
+  }
+  out.background[3] = background[3];
+}
+
+/// Place of a tile's pixel in GaussianTile.
+int gaussian_tile_pixel(int x, int y) {
+  constexpr int kPatch = 4;
+  const int patch = y / kPatch * (kGaussianTile / kPatch) + x / kPatch;
+  return patch * kPatch * kPatch + y % kPatch * kPatch + x % kPatch;
+}
+
 }  // namespace
 
 struct GaussianRenderer::Frame {
@@ -112,6 +127,8 @@ struct GaussianRenderer::Frame {
             const GaussianOutput& out);
   void draw_filtered(const GaussianView& view, const TileGrid& grid, const RowRange& rows,
                      int per_pixel, const SampleFilter& filter, const GaussianOutput& out);
+  std::size_t gaussian_of(const GaussianView& view, const GaussianCloud& cloud,
+                          std::uint32_t splat) const;
   template <class Tell>
   std::size_t start_of_each(std::size_t ranges, std::size_t buckets, const Tell& tell);
 };
@@ -130,6 +147,22 @@ void GaussianRenderer::Frame::project(const GaussianView& view, const GaussianCl
         view, cloud, begin, end, splats.data() + begin,
         in_perspective ? perspective.data() + begin : nullptr, keys.data() + begin);
   });
+}
+
+/// The Gaussian that a splat is of.
+std::size_t GaussianRenderer::Frame::gaussian_of(const GaussianView& view,
+                                                 const GaussianCloud& cloud,
+                                                 std::uint32_t splat) const {
+  // The splats of a range are those of its Gaussians that are seen, in their order.
+  std::size_t before = splat % kProjectionGrain;
+  for (std::size_t i = splat - before;; ++i) {
+    GaussianSplat one;
+    GaussianPerspective in_perspective;
+    std::uint32_t key = 0;
+    const std::size_t seen = project_gaussians(
+        view, cloud, i, i + 1, &one, perspective.empty() ? nullptr : &in_perspective, &key);
+    if (seen > 0 && before-- == 0) return i;
+  }
 }
 
 /// Orders the splats by their keys, and by the Gaussians' numbers where keys are equal: a radix
@@ -343,11 +376,7 @@ Image GaussianRenderer::render(const Camera& camera, GaussianFrameStatistics* st
                      .channels = image.channel_count(),
                      .background = {},
                      .display = options_.display};
-  const std::array<float, 4>& background = options_.background;
-  for (std::size_t c = 0; c < 3; ++c) {
-    out.background[c] = linear_to_srgb(background[c]) * background[3];
-  }
-  out.background[3] = background[3];
+  set_background(options_, out);
   const RowRange rows = camera.drawn_rows();
   if (per_pixel == 1) {
     GaussianOutput drawn = out;
@@ -367,6 +396,104 @@ Image GaussianRenderer::render(const Camera& camera, GaussianFrameStatistics* st
   stats.milliseconds = timer.milliseconds();
   if (statistics) *statistics = stats;
   return image;
+}
+
+PixelExplanation GaussianRenderer::explain(const Camera& camera, int x, int y) {
+  require_in_picture(camera, x, y);
+  if (samples_of(cloud_, options_) > 1) {
+    throw_usage("a pixel of several samples is the mean of many sums; set `samples` to 1");
+  }
+  const GaussianView view = gaussian_view(cloud_, camera, options_);
+  const TileGrid grid(camera);
+  Frame& frame = *frame_;
+  frame.project(view, cloud_);
+  frame.sort();
+  frame.list(grid);
+  const std::size_t number = static_cast<std::size_t>(y / kGaussianTile * grid.columns) +
+                             static_cast<std::size_t>(x / kGaussianTile);
+  const std::size_t first = number == 0 ? 0 : frame.tile_end[number - 1];
+  GaussianTileJob job{.view = &view,
+                      .splats = frame.splats.data(),
+                      .perspective = frame.perspective.empty() ? nullptr : frame.perspective.data(),
+                      .order = frame.lists.data() + first,
+                      .count = frame.tile_end[number] - first,
+                      .x0 = x / kGaussianTile * kGaussianTile,
+                      .y0 = y / kGaussianTile * kGaussianTile,
+                      .depth = false};
+  const auto pixel = static_cast<std::size_t>(gaussian_tile_pixel(x - job.x0, y - job.y0));
+  GaussianScratch& scratch = frame.scratch[0];
+  GaussianTile tile;
+  PixelExplanation out;
+  out.x = x;
+  out.y = y;
+  out.display = true;
+
+  // The splats whose boxes hold the pixel, and what each is there alone.
+  std::vector<GaussianSplat> splats;
+  std::vector<GaussianPerspective> perspective;
+  std::array<std::uint32_t, kListSpare> only{};
+  for (std::size_t i = 0; i < job.count; ++i) {
+    const std::uint32_t index = job.order[i];
+    const GaussianSplat& splat = job.splats[index];
+    if (x < splat.x0 || x > splat.x1 || y < splat.y0 || y > splat.y1) continue;
+    splats.push_back(splat);
+    if (job.perspective) perspective.push_back(job.perspective[index]);
+    GaussianTileJob one = job;
+    one.splats = &splats.back();
+    one.perspective = job.perspective ? &perspective.back() : nullptr;
+    one.order = only.data();
+    one.count = 1;
+    draw_gaussian_tile(one, scratch, tile);
+    ExplainedSplat& said = out.splats.emplace_back();
+    said.surfel = frame.gaussian_of(view, cloud_, index);
+    said.exact = job.perspective != nullptr;
+    said.depth = splat.z;
+    said.coefficient = std::min(1.0, portable::pow(2.0, static_cast<double>(splat.log_opacity)));
+    said.weight = 1 - static_cast<double>(tile.transmittance[pixel]);
+    said.kernel = said.coefficient > 0 ? said.weight / said.coefficient : 0;
+    said.alpha = said.weight;
+    said.color = {splat.red, splat.green, splat.blue};
+    said.fate = said.weight > 0 ? SplatFate::kHidden : SplatFate::kOutside;
+  }
+
+  draw_gaussian_tile(job, scratch, tile);
+  const std::array<const float*, 3> sums{tile.red, tile.green, tile.blue};
+  for (std::size_t c = 0; c < 3; ++c) out.surfaces[static_cast<Eigen::Index>(c)] = sums[c][pixel];
+  out.alpha = 1 - static_cast<double>(tile.transmittance[pixel]);
+  Image image = rgba_image(camera.width, kGaussianTile);
+  GaussianOutput output{.pixels = image.data.data(),
+                        .width = camera.width,
+                        .height = kGaussianTile,
+                        .channels = 4,
+                        .background = {},
+                        .display = options_.display};
+  set_background(options_, output);
+  write_gaussian_tile(tile, job.x0, 0, output);
+  std::copy_n(image.pixel(x, y - job.y0), 4, out.pixel.begin());
+  std::copy_n(output.background, 4, out.background.begin());
+
+  // Units of colour in three splats at a time: the pixel has so much of each.
+  std::vector<std::uint32_t> order(splats.size() + kListSpare);
+  std::iota(order.begin(), order.begin() + static_cast<std::ptrdiff_t>(splats.size()), 0U);
+  job.splats = splats.data();
+  job.perspective = job.perspective ? perspective.data() : nullptr;
+  job.order = order.data();
+  job.count = splats.size();
+  constexpr std::array<float GaussianSplat::*, 3> kColors{
+      &GaussianSplat::red, &GaussianSplat::green, &GaussianSplat::blue};
+  for (GaussianSplat& splat : splats) splat.red = splat.green = splat.blue = 0;
+  for (std::size_t begin = 0; begin < splats.size(); begin += kColors.size()) {
+    const std::size_t count = std::min(kColors.size(), splats.size() - begin);
+    for (std::size_t i = 0; i < count; ++i) splats[begin + i].*kColors[i] = 1;
+    draw_gaussian_tile(job, scratch, tile);
+    for (std::size_t i = 0; i < count; ++i) {
+      ExplainedSplat& said = out.splats[begin + i];
+      said.share = sums[i][pixel];
+      if (said.share > 0) said.fate = SplatFate::kBlended;
+      splats[begin + i].*kColors[i] = 0;
+    }
+  }
+  return out;
 }
 
 }  // namespace surfel

@@ -6,6 +6,7 @@
 #include <surfel/base/export.h>
 #include <surfel/base/timing.h>
 #include <surfel/gaussian/gaussian_options.h>
+#include <surfel/render/pixel_explanation.h>
 #include <surfel/scene/camera.h>
 #include <surfel/scene/gaussian_cloud.h>
 #include <surfel/scene/image.h>
@@ -39,6 +40,11 @@ class SURFEL_API GaussianRenderer {
   /// The picture, with the channels R G B A, premultiplied, and the channels of
   /// GaussianOptions::depth.
   Image render(const Camera& camera, GaussianFrameStatistics* statistics = nullptr);
+
+  /// How a pixel of the picture that render() makes came about, in colours as displays take them
+  /// (PixelExplanation::display); Gaussians are told by their places in the cloud. Throws
+  /// Error(kUsage) for a pixel outside of the picture, and where a pixel has several samples.
+  PixelExplanation explain(const Camera& camera, int x, int y);
 
  private:
   struct Frame;

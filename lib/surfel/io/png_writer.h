@@ -17,7 +17,7 @@ inline constexpr int kPngFilter = 0x40;
 
 /// Encodes a PNG file as write_image() describes it. The bytes are equal to those that OpenImageIO
 /// 2.4 makes with the settings above; OpenImageIO is not used because loading it takes longer than
-/// encoding most pictures. Internal to the io module.
+/// encoding most pictures. For this library's own sources.
 std::vector<unsigned char> encode_png(const Image& image, const ImageWriteOptions& options);
 
 }  // namespace surfel

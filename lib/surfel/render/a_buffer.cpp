@@ -12,8 +12,9 @@
 namespace surfel {
 namespace {
 
-/// In place: a copy would wait for the stores.
-void load(const TileABuffer& tile, int layer, int pixel, Fragment& fragment) {
+/// In place: a copy would wait for the stores, as would a call.
+[[gnu::always_inline]] inline void load(const TileABuffer& tile, int layer, int pixel,
+                                        Fragment& fragment) {
   const float* from = tile.fragment(layer, static_cast<std::size_t>(pixel));
   for (int c = 0; c <= kBack; ++c) fragment.channel[c] = from[c * kPatchPixels];
   for (int c = kNormalX; c <= kNormalZ; ++c) {
@@ -504,6 +505,10 @@ void store(TileABuffer& tile, int layer, int pixel, const Fragment& fragment) {
 }
 
 }  // namespace
+
+void load_fragment(const TileABuffer& tile, int layer, int pixel, Fragment& fragment) {
+  load(tile, layer, pixel, fragment);
+}
 
 float TileABuffer::full_weight_of_cut(const Fragment& fragment, float edge) const {
   const float full = weight_at_edge(edge);

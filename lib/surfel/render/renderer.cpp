@@ -16,6 +16,7 @@
 #include <surfel/render/edge_coverage.h>
 #include <surfel/render/edge_search.h>
 #include <surfel/render/frame.h>
+#include <surfel/render/pixel_probe.h>
 #include <surfel/render/plain_pixels.h>
 #include <surfel/render/relief.h>
 #include <surfel/render/renderer.h>
@@ -92,6 +93,7 @@ struct Renderer::Impl {
   TileRims rims;                      ///< Borders of all tiles of a band.
   NearnessPicture nearness;           ///< Of pictures with relief.
   std::optional<EdgeCoverage> edges;  ///< Of opaque pictures.
+  PixelProbe* probe = nullptr;        ///< Null: no pixel is explained.
 
   Impl(ClusterStore& st, const Scene& sc, const RenderOptions& o)
       : store(st), cloud(st.cloud()), scene(sc), options(o) {
@@ -140,6 +142,8 @@ struct Renderer::Impl {
                Image& image);
   void resolve_open(const Frame& frame, Image& image);
   void finish(FrameStatistics& statistics);
+  Image draw_picture(const Camera& camera, const Shader& shader, FrameStatistics& statistics);
+  PixelExplanation explain(Camera camera, int x, int y);
 };
 
 Renderer::Renderer(ClusterStore& store, const Scene& scene, const RenderOptions& options)
@@ -191,13 +195,16 @@ void Renderer::Impl::draw_tile(TileABuffer& tile, int x, int y, int w) {
     worker.jobs.push_back(list.job(x, y, w));
     worker.jobs.back().fragments = &worker.fragments;
   }
+  if (probe && probe->meets(tile.x0, tile.y0)) {
+    probe->draw(tile, worker.jobs, lists, w, *worker.compositor);
+  }
   worker.compositor->draw(worker.jobs, tile);
 }
 
 /// What pixels are composited over, premultiplied: the background, which relief puts behind the
-/// surfaces at last.
+/// surfaces at last. Pixels are explained over nothing.
 Rgba Renderer::Impl::backdrop() const {
-  if (options.relief != Relief::kNone) return {};
+  if (options.relief != Relief::kNone || probe) return {};
   return premultiplied(options.background);
 }
 
@@ -226,6 +233,7 @@ void Renderer::Impl::put(PixelResult result, const Shader& shader, int x, int y,
 /// `open`, and stores the tile's border for the pixels of other tiles that look at it.
 void Renderer::Impl::resolve(TileABuffer& tile, const Compositor::Worker* background,
                              OpenPixels& open, Image& image) {
+  if (probe && probe->meets(tile.x0, tile.y0)) probe->keep(tile);
   const Rgba behind = backdrop();
   std::optional<PlainPixels> plain;
   if (!options.aovs && !background && !tile.shader->has_environment()) {
@@ -325,6 +333,10 @@ void Renderer::Impl::resolve_open(const Frame& frame, Image& image) {
     });
     open.keep_from_row(rows.end);
   });
+  if (probe && probe->y() >= std::max(rows.begin, frame.band.y0 - kEdgeReach) &&
+      probe->y() < rows.end) {
+    probe->resolve(rims, frame.shader);
+  }
 }
 
 /// Sets up the splats that a block has in the batch and draws its tiles, in several parts where
@@ -502,41 +514,79 @@ void Renderer::Impl::finish(FrameStatistics& statistics) {
   statistics.groups = cloud.groups();
 }
 
+Image Renderer::Impl::draw_picture(const Camera& camera, const Shader& shader,
+                                   FrameStatistics& statistics) {
+  begin(camera);
+  Image image = blank_image(camera, options.aovs);
+  const Relief relief = options.relief;
+  const RowRange seen = rows_seen(camera);
+  if (relief != Relief::kNone) nearness.reset(camera.width, seen, relief_margin(relief, camera));
+  for (int y0 = 0; y0 < camera.height;) {
+    const Band band(camera, y0, y0 + band_rows(camera, y0));
+    y0 = band.y1;
+    rims.begin(camera, band, blank_tile.layout.layers);
+    if (band.y1 <= seen.begin || band.y0 >= seen.end) continue;
+    draw_band(camera, band, seen, shader, image, statistics);
+  }
+  if (probe) probe->note(image, 0);
+  if (edges) {
+    const Timer timer;
+    apply_edges(shader, camera.drawn_rows(), image);
+    statistics.stages.add("edges", timer.milliseconds());
+  }
+  if (probe) probe->note(image, 1);
+  if (relief != Relief::kNone) {
+    const Timer timer;
+    add_relief(image, nearness, camera, relief, probe ? Rgba{} : premultiplied(options.background));
+    statistics.stages.add("relief", timer.milliseconds());
+  }
+  if (probe) probe->note(image, 2);
+  finish(statistics);
+  return image;
+}
+
 Image Renderer::render(const Camera& camera, FrameStatistics* statistics) {
   require_usable(camera);
-  Impl& r = *impl_;
   FrameStatistics stats;
   const Timer whole;
-  const Shader shader(r.options.lit ? &r.scene : nullptr, camera, r.options.filter_deviation(),
-                      r.store.cloud().has_shading());
-  r.begin(camera);
-  Image image = blank_image(camera, r.options.aovs);
-  const Relief relief = r.options.relief;
-  const RowRange seen = r.rows_seen(camera);
-  if (relief != Relief::kNone) {
-    r.nearness.reset(camera.width, seen, relief_margin(relief, camera));
-  }
-  for (int y0 = 0; y0 < camera.height;) {
-    const Band band(camera, y0, y0 + r.band_rows(camera, y0));
-    y0 = band.y1;
-    r.rims.begin(camera, band, r.blank_tile.layout.layers);
-    if (band.y1 <= seen.begin || band.y0 >= seen.end) continue;
-    r.draw_band(camera, band, seen, shader, image, stats);
-  }
-  if (r.edges) {
-    const Timer timer;
-    r.apply_edges(shader, camera.drawn_rows(), image);
-    stats.stages.add("edges", timer.milliseconds());
-  }
-  if (relief != Relief::kNone) {
-    const Timer timer;
-    add_relief(image, r.nearness, camera, relief, premultiplied(r.options.background));
-    stats.stages.add("relief", timer.milliseconds());
-  }
-  r.finish(stats);
+  const Shader shader(impl_->options.lit ? &impl_->scene : nullptr, camera,
+                      impl_->options.filter_deviation(), impl_->cloud.has_shading());
+  Image image = impl_->draw_picture(camera, shader, stats);
   stats.milliseconds = whole.milliseconds();
   if (statistics) *statistics = stats;
   return image;
+}
+
+PixelExplanation Renderer::Impl::explain(Camera camera, int x, int y) {
+  camera.rows = {y, y + 1};
+  const Shader shader(options.lit ? &scene : nullptr, camera, options.filter_deviation(),
+                      cloud.has_shading());
+  PixelProbe one(camera, cloud, x, y, !options.compositing().needs_whole_tiles());
+  const auto set = [&](PixelProbe* with) {
+    probe = with;
+    for (SplatLists& list : lists) list.note_surfels(with != nullptr);
+  };
+  set(&one);
+  FrameStatistics ignored;
+  try {
+    draw_picture(camera, shader, ignored);
+  } catch (...) {
+    set(nullptr);
+    throw;
+  }
+  set(nullptr);
+  return one.finish(premultiplied(options.background), options.lit, shader.has_environment());
+}
+
+std::vector<PixelExplanation> Renderer::explain(const Camera& camera,
+                                                std::span<const std::array<int, 2>> pixels) {
+  require_usable(camera);
+  std::vector<PixelExplanation> all;
+  for (const auto& [x, y] : pixels) {
+    require_in_picture(camera, x, y);
+    all.push_back(impl_->explain(camera, x, y));
+  }
+  return all;
 }
 
 }  // namespace surfel

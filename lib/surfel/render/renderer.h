@@ -3,10 +3,14 @@
 // Zwicker, Pfister, van Baar, Gross, "Surface Splatting", SIGGRAPH 2001 (SS01), and Zhang,
 // Pajarola, "Single-Pass Point Rendering and Transparent Shading", 2006 (SP06).
 
+#include <array>
 #include <memory>
+#include <span>
+#include <vector>
 
 #include <surfel/base/export.h>
 #include <surfel/render/compositor.h>
+#include <surfel/render/pixel_explanation.h>
 #include <surfel/render/render_options.h>
 #include <surfel/scene/camera.h>
 #include <surfel/scene/image.h>
@@ -50,6 +54,13 @@ class SURFEL_API Renderer {
   /// the nearest surface), N.X N.Y N.Z (normal in world axes) and weight (sum of rho of the nearest
   /// surface). Throws Error(kUsage) for a camera that is not usable.
   Image render(const Camera& camera, FrameStatistics* statistics = nullptr);
+
+  /// How pixels of the picture that render() makes came about: the rows around each are drawn once
+  /// more. Surfels are told by their places in the file where the store has the column `row`, else
+  /// by their places in the store. Throws Error(kUsage) for a pixel outside of the picture.
+  /// \param pixels  columns and rows, 0 at the top left.
+  std::vector<PixelExplanation> explain(const Camera& camera,
+                                        std::span<const std::array<int, 2>> pixels);
 
   /// The rules of the (first) list that surfels become splats by: with them ClusterCulling finds
   /// the clusters that a picture shows.

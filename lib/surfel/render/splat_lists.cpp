@@ -41,38 +41,6 @@ bool is_large(const PixelBox& box) {
 /// Patches with no more sheets than this are sorted by insertion, which takes no memory.
 constexpr std::ptrdiff_t kFewSheets = 32;
 
-/// Adds a sheet's splats, tag by tag: splats of several tags in one sum would all have the first
-/// one's. At a silhouette the order is front to back.
-/// \param members  of the sheet; gets reordered.
-void add_by_tags(const FragmentRules& rules, const SplatView& view, const SheetSplats& sheet,
-                 std::uint32_t* members, SheetSums& sums) {
-  const auto rank = [&](std::uint32_t member) {
-    const std::uint32_t tag = sheet.splats[member].tag;
-    const bool grazing = (tag & kGrazingTag) != 0;
-    const std::uint32_t depth = (tag & kFrontTag) != 0 ? (grazing ? 1 : 0) : (grazing ? 2 : 3);
-    return depth << kMaterialShift | (tag & ((1U << kMaterialShift) - 1));
-  };
-  for (std::size_t begin = 0; begin < sheet.count;) {
-    std::uint32_t least = rank(members[begin]);
-    bool several = false;
-    for (std::size_t i = begin + 1; i < sheet.count; ++i) {
-      const std::uint32_t other = rank(members[i]);
-      several = several || other != least;
-      least = std::min(least, other);
-    }
-    const std::uint32_t* end = members + sheet.count;
-    if (several) {
-      end = std::stable_partition(members + begin, members + sheet.count,
-                                  [&](std::uint32_t member) { return rank(member) == least; });
-    }
-    SheetSplats part = sheet;
-    part.members = members + begin;
-    part.count = static_cast<std::size_t>(end - part.members);
-    add_sheet(rules, view, part, sums);
-    begin += part.count;
-  }
-}
-
 /// The rules of a list that a cloud has the columns for.
 SplatListOptions possible(SplatListOptions lists, const RenderCloud& cloud) {
   lists.enlarged = lists.enlarged && !cloud.group_radius.empty();
@@ -250,6 +218,50 @@ void SplatLists::complete(std::size_t place, std::size_t begin, const std::uint3
   }
 }
 
+/// Adds a sheet's splats, tag by tag: splats of several tags in one sum would all have the first
+/// one's. At a silhouette the order is front to back.
+/// \param members  of the sheet; gets reordered.
+/// \param surfels  of the splats.
+void SplatLists::add_by_tags(const SplatView& view, const SheetSplats& sheet,
+                             std::uint32_t* members, const std::uint32_t* surfels,
+                             Worker& worker) const {
+  const auto rank = [&](std::uint32_t member) {
+    const std::uint32_t tag = sheet.splats[member].tag;
+    const bool grazing = (tag & kGrazingTag) != 0;
+    const std::uint32_t depth = (tag & kFrontTag) != 0 ? (grazing ? 1 : 0) : (grazing ? 2 : 3);
+    return depth << kMaterialShift | (tag & ((1U << kMaterialShift) - 1));
+  };
+  for (std::size_t begin = 0; begin < sheet.count;) {
+    std::uint32_t least = rank(members[begin]);
+    bool several = false;
+    for (std::size_t i = begin + 1; i < sheet.count; ++i) {
+      const std::uint32_t other = rank(members[i]);
+      several = several || other != least;
+      least = std::min(least, other);
+    }
+    const std::uint32_t* end = members + sheet.count;
+    if (several) {
+      end = std::stable_partition(members + begin, members + sheet.count,
+                                  [&](std::uint32_t member) { return rank(member) == least; });
+    }
+    SheetSplats part = sheet;
+    part.members = members + begin;
+    part.count = static_cast<std::size_t>(end - part.members);
+    const std::size_t used = worker.sheets.used;
+    add_sheet(rules_, view, part, worker.sheets);
+    if (notes_surfels_ && worker.sheets.used > used) {
+      NotedSheet& noted = worker.noted_sheets.emplace_back();
+      noted.first = static_cast<std::uint32_t>(used / kPatchPixels);
+      noted.end = static_cast<std::uint32_t>(worker.sheets.used / kPatchPixels);
+      for (std::size_t i = 0; i < part.count; ++i) {
+        noted.splats.push_back(sheet.splats[part.members[i]]);
+        noted.surfels.push_back(surfels[part.members[i]]);
+      }
+    }
+    begin += part.count;
+  }
+}
+
 /// Sums up the splats from `begin` on that are of the cluster's sheets, and leaves the others.
 /// `surfels` has their surfels.
 void SplatLists::take_sheets(std::size_t place, const SplatView& view, std::size_t begin,
@@ -275,7 +287,7 @@ void SplatLists::take_sheets(std::size_t place, const SplatView& view, std::size
       taken[i] |= is_member ? 1 : 0;
     }
     in_block.count = found;
-    add_by_tags(rules_, view, in_block, members, worker.sheets);
+    add_by_tags(view, in_block, members, surfels, worker);
   }
   for (const SheetSums::Patch& patch : worker.sheets.patches) {
     TileList& list =
@@ -291,9 +303,16 @@ void SplatLists::take_sheets(std::size_t place, const SplatView& view, std::size
     if (layout_.normals) worker.normals[to] = worker.normals[from];
     if (worker.splats[to].k < 0) worker.exact[to] = worker.exact[from];
     if ((worker.splats[to].tag & kClippedTag) != 0) worker.clips[to] = worker.clips[from];
+    if (notes_surfels_) worker.surfels[to] = worker.surfels[from];
     ++to;
   }
   worker.count = to;
+}
+
+const NotedSheet& SplatLists::sheet_of(const SheetPatch& sheet, int worker) {
+  const std::vector<NotedSheet>& noted = workers_[worker].noted_sheets;
+  return *std::upper_bound(noted.begin(), noted.end(), sheet.sums,
+                           [](std::uint32_t sums, const NotedSheet& n) { return sums < n.end; });
 }
 
 /// Sorts a tile's sheets by patch, and the sheets of a patch nearest first.
@@ -433,6 +452,7 @@ void SplatLists::load(std::size_t block, std::size_t begin, std::size_t end, int
     list.sheets.clear();
   }
   w.sheets.used = 0;
+  w.noted_sheets.clear();
   w.covering.clear();
   w.clipped_covering = 0;
   w.block = {0, 0, static_cast<std::uint8_t>(view.clip_x1 - view.clip_x0 - 1),
@@ -483,6 +503,10 @@ void SplatLists::load(std::size_t block, std::size_t begin, std::size_t end, int
       w.exact_seen += kernel->first ? 1 : 0;
     }
     complete(place, first, surfels.data(), w);
+    if (notes_surfels_) {
+      w.surfels.resize(first);
+      w.surfels.insert(w.surfels.end(), surfels.data(), surfels.data() + (w.count - first));
+    }
     take_sheets(place, view, first, surfels.data(), w);
     add_splats(first, w);
   }
@@ -538,6 +562,10 @@ void SplatLists::thin_out(TileList& list, Worker& worker) const {
     if ((worker.splats[at].tag & kClippedTag) != 0) worker.clips[copy] = worker.clips[at];
     if (layout_.normals) worker.normals[copy] = worker.normals[at];
     if (lists_.groups) worker.groups[copy] = worker.groups[at];
+    if (notes_surfels_) {
+      worker.surfels.resize(copy + 1);
+      worker.surfels[copy] = worker.surfels[at];
+    }
     return static_cast<std::uint32_t>(copy);
   };
   std::size_t left = 0;

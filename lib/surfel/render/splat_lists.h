@@ -28,6 +28,13 @@
 
 namespace surfel {
 
+/// The splats that a sheet sums up.
+struct NotedSheet {
+  std::uint32_t first, end;  ///< The patches that have the sums, by SheetPatch::sums.
+  std::vector<Splat> splats;
+  std::vector<std::uint32_t> surfels;  ///< Parallel to `splats`: rows in the cloud's columns.
+};
+
 /// Sets up the splats of a frame and lists them by tile, a block of tiles at a time. Keeps its
 /// memory from frame to frame. Nothing depends on the number of threads, nor on the order of the
 /// surfels in the file.
@@ -58,6 +65,16 @@ class SplatLists {
   /// The loaded splats of the tile in column x and row y of the block, nearest first. Valid until
   /// the worker's next call.
   TileJob job(int x, int y, int worker);
+
+  /// Whether load() notes the surfels of splats and the members of sheets from the next call on, as
+  /// explanations of pixels want them.
+  void note_surfels(bool note) { notes_surfels_ = note; }
+  /// Row in the cloud's columns of the surfel of one of the worker's splats.
+  std::uint32_t surfel_of(std::uint32_t splat, int worker) {
+    return workers_[worker].surfels[splat];
+  }
+  /// The splats that are summed up in one of the worker's sheets.
+  const NotedSheet& sheet_of(const SheetPatch& sheet, int worker);
 
   /// Splats loaded since the last call, each counted once though it may be in several blocks ...
   std::size_t take_splat_count();
@@ -94,6 +111,8 @@ class SplatLists {
     Array<SplatClip> clips;   ///< Where kClippedTag is set.
     std::vector<TileList> tiles;
     SheetSums sheets;
+    std::vector<std::uint32_t> surfels;    ///< Parallel to `splats`, if they are noted.
+    std::vector<NotedSheet> noted_sheets;  ///< Ascending, if they are noted.
     /// Splats whose boxes hold all pixels of the block, ascending: each tile has all of them.
     std::vector<std::uint32_t> covering;
     std::size_t clipped_covering = 0;   ///< Splats among them that half-planes cut.
@@ -121,6 +140,8 @@ class SplatLists {
   void complete(std::size_t place, std::size_t begin, const std::uint32_t* surfels, Worker& worker);
   void take_sheets(std::size_t place, const SplatView& view, std::size_t begin,
                    const std::uint32_t* surfels, Worker& worker);
+  void add_by_tags(const SplatView& view, const SheetSplats& sheet, std::uint32_t* members,
+                   const std::uint32_t* surfels, Worker& worker) const;
   static void sort_sheets(TileList& list);
   void add_splats(std::size_t begin, Worker& worker);
 
@@ -132,6 +153,7 @@ class SplatLists {
   ClusterCulling culling_;
   std::optional<ClusterSurfaces> surfaces_;  ///< Of transparent clouds.
   FragmentRules rules_;
+  bool notes_surfels_ = false;   ///< See note_surfels().
   bool materials_fade_ = false;  ///< Whether some material has an opacity of its own.
   /// The least variance of surfels of coarser levels, see covering_variance(); 0: their Gaussians
   /// are drawn as they are.

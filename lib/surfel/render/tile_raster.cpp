@@ -43,14 +43,12 @@ class Rasterizer {
   }
 
   void run() {
-    // How often the tile is checked for being covered; a check costs about as much as a dozen
-    // splats.
-    constexpr std::size_t kCheckEvery = 256;
     for (std::size_t v = 0; v < kVectors && job_.sheets; ++v) {
       next_sheet_[v] = job_.sheets_begin[patch_of(v)];
     }
-    for (std::size_t begin = 0; begin < job_.count; begin += kCheckEvery) {
-      const std::size_t end = std::min(begin + kCheckEvery, job_.count);
+    // A check costs about as much as a dozen splats.
+    for (std::size_t begin = 0; begin < job_.count; begin += kHiddenEvery) {
+      const std::size_t end = std::min(begin + kHiddenEvery, job_.count);
       find_hidden();
       least_.reset();
       drawn_ = {begin, end};
@@ -68,19 +66,14 @@ class Rasterizer {
   }
 
  private:
-  /// Share of a pixel that a contribution must have to be worth merging two surfaces for.
-  static constexpr float kLeastShare = 1e-3F;
-  /// The least share in the largest kernel around, where kernels are so many that none has
-  /// kLeastShare of a pixel.
-  static constexpr float kLeastShareOfLargest = 3e-2F;
-
   static float infinity() { return __builtin_inff(); }
 
   /// rho of the least contribution that merges, of the splats being drawn.
   float least_to_merge() {
+    if (job_.replay) return job_.replay->least_to_merge;
     if (!least_) {
       least_ =
-          std::min(kLeastShare * tile_.full_weight, kLeastShareOfLargest * largest_amplitude());
+          std::min(kMergingShare * tile_.full_weight, kMergingShareOfLargest * largest_amplitude());
     }
     return *least_;
   }
@@ -100,6 +93,10 @@ class Rasterizer {
   /// none), behind which nothing is seen.
   void find_hidden() {
     const D d;
+    if (job_.replay) {
+      std::fill_n(hidden_, kTilePixels, job_.replay->hidden);
+      return;
+    }
     for (std::size_t pixel = 0; pixel < kTilePixels; pixel += hn::Lanes(d)) {
       V hidden = hn::Load(d, outside_ + pixel);
       for (int layer = 0; layer < tile_.layout.layers; ++layer) {
@@ -231,7 +228,7 @@ class Rasterizer {
       fresh.channel[kTag] = std::bit_cast<float>(sheet.tag);
       return fresh;
     };
-    add_without_layer(pixel, newcomer, kLeastShare * tile_.full_weight, merge, fragment_at);
+    add_without_layer(pixel, newcomer, kMergingShare * tile_.full_weight, merge, fragment_at);
   }
 
   /// Pictures whose fragments are merged by vectors of pixels: their colours need no light.
@@ -360,8 +357,10 @@ class Rasterizer {
   /// layer's sums depend only on contributions that no layer before it has taken. A splat that
   /// waits, or a branch guessed wrong, costs no more than its own step.
   HWY_NOINLINE void draw(const PixelSplats& list) {
-    constexpr std::ptrdiff_t kBatch = 32;  // Its contributions stay in the first-level cache.
+    // Their contributions stay in the first-level cache.
+    constexpr auto kBatch = static_cast<std::ptrdiff_t>(kOfferedTogether);
     Waiting batch[kBatch];
+    if (job_.replay && job_.replay->epsilon) note_epsilon(list);
     for (const std::uint32_t* begin = list.begin; begin < list.end; begin += kBatch) {
       const std::uint32_t* end = begin + std::min(kBatch, list.end - begin);
       const Layers open = open_layers(list.pixel, list.reach);
@@ -369,6 +368,12 @@ class Rasterizer {
       const std::size_t left = join_first(list, begin, end, first, batch);
       place(list, open & ~(Layers{1} << first), batch, left);
     }
+  }
+
+  /// Stores the epsilons of the first splat of a list.
+  HWY_NOINLINE void note_epsilon(const PixelSplats& list) const {
+    const Sample s = raster_.sampler().uncut_at(*list.begin, list.x, list.y);
+    hn::StoreU(s.epsilon, D(), job_.replay->epsilon + list.pixel);
   }
 
   /// Layers, as bits.

@@ -29,6 +29,15 @@ struct SheetPatch {
 };
 inline constexpr int kSheetEpsilon = kTag;  ///< Sum of rho * epsilon.
 
+/// How one of a tile's splats is drawn again as it was drawn among the others.
+struct RasterReplay {
+  float hidden;  ///< Depth behind which nothing of the pixel in question was seen.
+  /// rho of the least contribution that merges two surfaces; infinity: none does, nor is added to
+  /// merged ones.
+  float least_to_merge;
+  float* epsilon;  ///< Null, or gets the splat's epsilons in the pixels of its patches.
+};
+
 /// Splats of one tile, in the order in which they are to be drawn: nearest first.
 struct TileJob {
   const FragmentRules* rules = nullptr;
@@ -51,7 +60,19 @@ struct TileJob {
   const float* sheet_sums = nullptr;
   /// Number of the worker's splats: with the same number an index stands for the same splat.
   std::uint64_t load = 0;
+  const RasterReplay* replay = nullptr;  ///< Null: the splats are drawn for the first time.
 };
+
+/// Splats that are drawn before it is found anew what hides others.
+inline constexpr std::size_t kHiddenEvery = 256;
+/// Splats that meet a patch that are offered to its layers before what no layer has taken is
+/// merged.
+inline constexpr std::size_t kOfferedTogether = 32;
+/// Share of a pixel that a contribution must have to be worth merging two surfaces for.
+inline constexpr float kMergingShare = 1e-3F;
+/// The least share in the largest kernel around, where kernels are so many that none has
+/// kMergingShare of a pixel.
+inline constexpr float kMergingShareOfLargest = 3e-2F;
 
 /// Adds splats to a tile's A-buffer (SS01 sections 4 and 6): evaluates rho where beta < cutoff, and
 /// for every pixel accumulates it to the fragment of its surface (the same side faces the eye,

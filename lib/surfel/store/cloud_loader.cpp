@@ -241,11 +241,13 @@ void LoadedCloud::Impl::make_stream(std::uint64_t memory) {
     stream = CloudStream::make(source(), *part, *options.peers,
                                {.batch = half, .picture_bytes = picture}, ply->name());
   } else if (has_levels) {
-    stream = CloudStream::make(source(), tree, options.columns.levels,
-                               {.batch = flight, .picture_bytes = picture}, ply->name());
-  } else {
     stream = CloudStream::make(
-        source(), {.batch = std::min(options.batch, flight), .picture_bytes = picture});
+        source(), tree, options.columns.levels,
+        {.batch = flight, .picture_bytes = picture, .rows = options.columns.rows}, ply->name());
+  } else {
+    stream = CloudStream::make(source(), {.batch = std::min(options.batch, flight),
+                                          .picture_bytes = picture,
+                                          .rows = options.columns.rows});
   }
 }
 

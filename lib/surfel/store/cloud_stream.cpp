@@ -125,7 +125,8 @@ bool CloudStream::have_one_color(const SurfelSource& source) {
 void CloudStream::allocate() {
   slot_.assign(cloud_.clusters_.size(), kNone);
   holder_.assign(std::min(batch_clusters(), cloud_.clusters_.size()), kNone);
-  cloud_.allocate(holder_.size() * RenderCloud::kClusterSize, attributes_, {}, "");
+  cloud_.allocate(holder_.size() * RenderCloud::kClusterSize, attributes_, {.rows = options_.rows},
+                  "");
   cloud_.read_rows_ = [this](std::uint32_t cluster, RenderCloud& scratch,
                              RenderCloud::RowVisitor visit) {
     const std::uint64_t begin = surfel_[cluster];
@@ -180,6 +181,7 @@ void CloudStream::drop_unusable(RenderCloud& rows, std::size_t begin, std::size_
         if (!column->empty()) (*column)[kept] = (*column)[i];
       }
       if (!rows.material.empty()) rows.material[kept] = rows.material[i];
+      if (!rows.row.empty()) rows.row[kept] = rows.row[i];
     }
     ++kept;
   }
@@ -308,6 +310,7 @@ void CloudStream::fetch(std::span<const VisibleCluster> clusters) {
       Cluster& cluster = cloud_.clusters_[c];
       const std::size_t begin = std::size_t{slot_[c]} * RenderCloud::kClusterSize;
       std::size_t end = begin + (surfel_end(c) - surfel_[c]);
+      cloud_.number_rows(begin, end, surfel_[c]);
       if (end - begin != cluster.end - cluster.begin) {
         UnusableSurfels counted_before;
         drop_unusable(cloud_, begin, end, counted_before);

@@ -3,6 +3,7 @@
 #include <compare>
 #include <iterator>
 #include <limits>
+#include <numeric>
 #include <span>
 #include <tuple>
 #include <utility>
@@ -44,6 +45,7 @@ RenderCloud::RenderCloud(SurfelSource& source, const RenderColumns& needed,
   fill();
   require_float_extent(box, name);
   if (source.recenter(box)) fill();
+  number_rows(0, size_, 0);
   origin_ = source.origin();
   // Files written by this library are in order already, and hold no surfels that cannot be drawn.
   const bool copies = source.attributes().source;
@@ -89,6 +91,7 @@ RenderCloud::RenderCloud(const SurfelSource& source, const ClusterTree& tree,
   parallel_for(size_, kBlock, [&](std::size_t begin, std::size_t end, int) {
     source.fill(skipped + begin, skipped + end, *this, begin);
   });
+  number_rows(0, size_, skipped);
   std::vector<SurfelTotals> totals(clusters_.size());
   parallel_for(clusters_.size(), kBlock / kClusterSize,
                [&](std::size_t begin, std::size_t end, int) {
@@ -129,6 +132,14 @@ void RenderCloud::allocate(std::size_t rows, const SurfelAttributes& attributes,
   }
   if (attributes.material) material.resize(rows);
   if (needed.groups && attributes.group) group.resize(rows);
+  if (needed.rows) row.resize(rows);
+}
+
+/// Numbers rows [begin, end) from `first` on, where their numbers are asked for.
+void RenderCloud::number_rows(std::size_t begin, std::size_t end, std::uint64_t first) {
+  if (row.empty()) return;
+  std::iota(row.begin() + static_cast<std::ptrdiff_t>(begin),
+            row.begin() + static_cast<std::ptrdiff_t>(end), first);
 }
 
 /// Can a surfel be drawn? Counts it if not.
@@ -214,6 +225,7 @@ void RenderCloud::gather(const Array<std::uint32_t>& order) {
   for (Array<float>* column : float_columns(*this)) gather_column(*column, kPadding);
   gather_column(material, 0);
   gather_column(group, 0);
+  gather_column(row, 0);
 }
 
 /// Merges surfels at one place that differ in colour, alpha, area and normal for shading alone,

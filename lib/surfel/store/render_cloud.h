@@ -46,6 +46,7 @@ struct RenderColumns {
   /// in a picture without groups.
   bool copies = false;
   bool levels = false;  ///< All levels of detail of the cloud; if false, the finest alone.
+  bool rows = false;    ///< The column `row`.
 };
 
 /// A cloud made ready for rendering: unusable surfels are dropped, the rest is sorted along a
@@ -170,6 +171,9 @@ class SURFEL_API RenderCloud final : public ClusterStore {
   Array<std::uint16_t> material;  ///< Only if the cloud has materials.
   Array<std::uint16_t> group;     ///< 0..groups() - 1, in the order of the cloud's numbers.
   Array<float> group_radius;      ///< Enlarged radius (SP06 section 4.2.2), scene units.
+  /// Places of the surfels in the cloud or file that they come from, 0 first; only if asked for. Of
+  /// surfels that were merged at one place, one of their places.
+  Array<std::uint64_t> row;
 
  private:
   friend class CloudStream;       // Fills the columns with a part of a file at a time.
@@ -197,6 +201,7 @@ class SURFEL_API RenderCloud final : public ClusterStore {
   Array<std::uint32_t> drawing_order();
   void move_copies(const SurfelSource& source, bool keep, Array<std::uint32_t>& order);
   std::vector<SurfelTotals> make_clusters();
+  void number_rows(std::size_t begin, std::size_t end, std::uint64_t first);
   void gather(const Array<std::uint32_t>& order);
   Array<std::uint32_t> merge_coincident();
   void number_groups(const std::string& name);
