@@ -152,7 +152,7 @@ TEST(PixelExplanation, BlendsToThePixelOfAnABuffer) {
   smooth.aovs = true;
   const Scene scene = default_scene();
   for (const Case& c : cases) {
-    RenderCloud surfels(scene_of(c.scene, c.count), {.rows = true});
+    RenderCloud surfels(scene_of(c.scene, c.count), {.places = true});
     Renderer renderer(surfels, scene, c.options);
     expect_true(renderer, camera_of(surfels.extent()),
                 std::string(c.scene) + " of " + std::to_string(c.count) + " in " +
@@ -166,7 +166,7 @@ TEST(PixelExplanation, BlendsToThePixelWhereLinesCutSurfels) {
     cloud.clip1.push_back(cloud.normal[i].unitOrthogonal());
     cloud.clip1_distance.push_back(0.3F * std::sqrt(cloud.variance[i]));
   }
-  RenderCloud surfels(cloud, {.rows = true});
+  RenderCloud surfels(cloud, {.places = true});
   const Scene scene;
   RenderOptions options;
   options.lit = false;
@@ -186,7 +186,7 @@ TEST(PixelExplanation, BlendsToThePixelOfMethodsWithGroups) {
     for (const Method method : {Method::kDeferred, Method::kTransparent, Method::kTransparentHigh,
                                 Method::kTwoPass, Method::kDepthPeel}) {
       RenderColumns columns = columns_of(method);
-      columns.rows = true;
+      columns.places = true;
       RenderCloud surfels(cloud, columns);
       RenderOptions options;
       options.method = compositing_method(method);
@@ -200,7 +200,7 @@ TEST(PixelExplanation, BlendsToThePixelOfMethodsWithGroups) {
 
 TEST(PixelExplanation, NamesTheSurfelsOfTheFile) {
   const SurfelCloud cloud = scene_of("terrain", 6000);
-  RenderCloud surfels(cloud, {.rows = true});
+  RenderCloud surfels(cloud, {.places = true});
   const Scene scene;
   RenderOptions options;
   options.lit = false;
@@ -222,7 +222,7 @@ TEST(PixelExplanation, IsTheSameWhereSurfelsAreStreamed) {
   cloud = cloud.gathered(morton_order(cloud.position));
   CloudSource source(cloud, "terrain");
   const auto stream =
-      CloudStream::make(source, {.batch = 2048, .picture_bytes = 1 << 19, .rows = true});
+      CloudStream::make(source, {.batch = 2048, .picture_bytes = 1 << 19, .places = true});
   ASSERT_TRUE(stream);
   const Scene scene;
   RenderOptions options;
@@ -230,7 +230,7 @@ TEST(PixelExplanation, IsTheSameWhereSurfelsAreStreamed) {
   const Camera camera = camera_of(stream->cloud().extent(), 90, 131);
   Renderer streamed(*stream, scene, options);
   const auto from_file = expect_true(streamed, camera, "streamed");
-  RenderCloud resident(cloud, {.rows = true});
+  RenderCloud resident(cloud, {.places = true});
   Renderer renderer(resident, scene, options);
   const auto in_memory = renderer.explain(camera, some_pixels(camera));
   const auto surfels_of = [](const PixelExplanation& e) {
@@ -248,7 +248,7 @@ TEST(PixelExplanation, IsTheSameWhereSurfelsAreStreamed) {
 
 TEST(PixelExplanation, BlendsToThePixelOfLevelsOfDetail) {
   const SurfelCloud cloud = build_hierarchy(scene_of("terrain", 40000), {});
-  RenderCloud surfels(cloud, {.levels = true, .rows = true});
+  RenderCloud surfels(cloud, {.levels = true, .places = true});
   const Scene scene;
   RenderOptions options;
   options.lit = false;
@@ -265,7 +265,7 @@ TEST(PixelExplanation, TellsWhatIsHidden) {
     add_surfel(cloud, behind.position[i], behind.normal[i], behind.variance[i], behind.area[i],
                {0, 1, 0});
   }
-  RenderCloud surfels(cloud, {.rows = true});
+  RenderCloud surfels(cloud, {.places = true});
   const Scene scene;
   RenderOptions options;
   options.lit = false;
@@ -323,7 +323,7 @@ TEST(PixelExplanation, BlendsToThePixelOfGaussians) {
 }
 
 TEST(PixelExplanation, OutsideOfThePictureIsRefused) {
-  RenderCloud surfels(scene_of("sphere", 500), {.rows = true});
+  RenderCloud surfels(scene_of("sphere", 500), {.places = true});
   const Scene scene;
   Renderer renderer(surfels, scene, {});
   Camera camera = camera_of(surfels.extent());

@@ -106,7 +106,7 @@ std::unique_ptr<LoadedCloud> load_surfels(tool::Tool& tool, const Settings& s,
       .peers = peers,
       .share = s.share};
   options.columns.levels = wants_levels(s);
-  options.columns.rows = !s.explained_pixels.empty();
+  options.columns.places = !s.explained_pixels.empty();
   Coloring coloring;
   coloring.file = name;
   coloring.up = views.front().options.up;

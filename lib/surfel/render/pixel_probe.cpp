@@ -132,7 +132,7 @@ std::size_t PixelProbe::add_splat(const TileJob& job, std::uint32_t row, const F
   const Splat& splat = *job.splats;
   const float* c = fragment.channel;
   ExplainedSplat& out = result_.splats.emplace_back();
-  out.surfel = cloud_.row.empty() ? row : cloud_.row[row];
+  out.surfel = cloud_.place.empty() ? row : cloud_.place[row];
   out.exact = splat.k < 0;
   out.front = (splat.tag & kFrontTag) != 0;
   if (job.groups) out.group = *job.groups;

@@ -243,11 +243,11 @@ void LoadedCloud::Impl::make_stream(std::uint64_t memory) {
   } else if (has_levels) {
     stream = CloudStream::make(
         source(), tree, options.columns.levels,
-        {.batch = flight, .picture_bytes = picture, .rows = options.columns.rows}, ply->name());
+        {.batch = flight, .picture_bytes = picture, .places = options.columns.places}, ply->name());
   } else {
     stream = CloudStream::make(source(), {.batch = std::min(options.batch, flight),
                                           .picture_bytes = picture,
-                                          .rows = options.columns.rows});
+                                          .places = options.columns.places});
   }
 }
 

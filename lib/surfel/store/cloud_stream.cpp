@@ -125,8 +125,8 @@ bool CloudStream::have_one_color(const SurfelSource& source) {
 void CloudStream::allocate() {
   slot_.assign(cloud_.clusters_.size(), kNone);
   holder_.assign(std::min(batch_clusters(), cloud_.clusters_.size()), kNone);
-  cloud_.allocate(holder_.size() * RenderCloud::kClusterSize, attributes_, {.rows = options_.rows},
-                  "");
+  cloud_.allocate(holder_.size() * RenderCloud::kClusterSize, attributes_,
+                  {.places = options_.places}, "");
   cloud_.read_rows_ = [this](std::uint32_t cluster, RenderCloud& scratch,
                              RenderCloud::RowVisitor visit) {
     const std::uint64_t begin = surfel_[cluster];
@@ -181,7 +181,7 @@ void CloudStream::drop_unusable(RenderCloud& rows, std::size_t begin, std::size_
         if (!column->empty()) (*column)[kept] = (*column)[i];
       }
       if (!rows.material.empty()) rows.material[kept] = rows.material[i];
-      if (!rows.row.empty()) rows.row[kept] = rows.row[i];
+      if (!rows.place.empty()) rows.place[kept] = rows.place[i];
     }
     ++kept;
   }

@@ -19,7 +19,7 @@ struct CloudStreamOptions {
   /// Bytes that the A-buffers of a picture may take. A picture that needs more is made in bands,
   /// each of which fetches the clusters that it sees.
   std::size_t picture_bytes = std::size_t{1} << 28;
-  bool rows = false;  ///< RenderColumns::rows.
+  bool places = false;  ///< RenderColumns::places.
 
   /// Empty if usable, else one sentence per violated rule.
   SURFEL_API std::vector<std::string> problems() const;

@@ -132,14 +132,14 @@ void RenderCloud::allocate(std::size_t rows, const SurfelAttributes& attributes,
   }
   if (attributes.material) material.resize(rows);
   if (needed.groups && attributes.group) group.resize(rows);
-  if (needed.rows) row.resize(rows);
+  if (needed.places) place.resize(rows);
 }
 
 /// Numbers rows [begin, end) from `first` on, where their numbers are asked for.
 void RenderCloud::number_rows(std::size_t begin, std::size_t end, std::uint64_t first) {
-  if (row.empty()) return;
-  std::iota(row.begin() + static_cast<std::ptrdiff_t>(begin),
-            row.begin() + static_cast<std::ptrdiff_t>(end), first);
+  if (place.empty()) return;
+  std::iota(place.begin() + static_cast<std::ptrdiff_t>(begin),
+            place.begin() + static_cast<std::ptrdiff_t>(end), first);
 }
 
 /// Can a surfel be drawn? Counts it if not.
@@ -225,7 +225,7 @@ void RenderCloud::gather(const Array<std::uint32_t>& order) {
   for (Array<float>* column : float_columns(*this)) gather_column(*column, kPadding);
   gather_column(material, 0);
   gather_column(group, 0);
-  gather_column(row, 0);
+  gather_column(place, 0);
 }
 
 /// Merges surfels at one place that differ in colour, alpha, area and normal for shading alone,

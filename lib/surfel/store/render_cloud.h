@@ -46,7 +46,7 @@ struct RenderColumns {
   /// in a picture without groups.
   bool copies = false;
   bool levels = false;  ///< All levels of detail of the cloud; if false, the finest alone.
-  bool rows = false;    ///< The column `row`.
+  bool places = false;  ///< The column `place`.
 };
 
 /// A cloud made ready for rendering: unusable surfels are dropped, the rest is sorted along a
@@ -173,7 +173,7 @@ class SURFEL_API RenderCloud final : public ClusterStore {
   Array<float> group_radius;      ///< Enlarged radius (SP06 section 4.2.2), scene units.
   /// Places of the surfels in the cloud or file that they come from, 0 first; only if asked for. Of
   /// surfels that were merged at one place, one of their places.
-  Array<std::uint64_t> row;
+  Array<std::uint64_t> place;
 
  private:
   friend class CloudStream;       // Fills the columns with a part of a file at a time.
