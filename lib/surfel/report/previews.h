@@ -19,12 +19,12 @@ struct Preview {
 };
 
 struct PreviewOptions {
-  int size = 480;         ///< Pixels along a side, 16..4096.
-  CloudReadOptions part;  ///< Of surfels and points: what is shown.
+  int size = 480;           ///< Pixels along a side, 16..4096.
+  CloudReadOptions part{};  ///< Of surfels and points: what is shown.
   /// Points that are not surfels yet are thinned to so many before surfels are made of them, >= 1.
   std::size_t most_points = 2000000;
   /// Bytes that surfels may take; see CloudLoadOptions::memory.
-  std::optional<std::uint64_t> memory;
+  std::optional<std::uint64_t> memory{};
 };
 
 /// Pictures of a file of surfels, points, meshes or Gaussians from four sides, as surfel-render
