@@ -56,7 +56,7 @@ TEST(Previews, OfAPictureIsThePicture) {
 TEST(Previews, OfNothingUsableAreRefused) {
   const TemporaryFolder folder;
   SurfelCloud cloud;
-  cloud.position.emplace_back(0, 0, 0);
+  cloud.position.emplace_back(0.0F, 0.0F, 0.0F);
   cloud.variance.push_back(-1);
   write_cloud(cloud, folder / "none.ply");
   EXPECT_THROW(preview_pictures(folder / "none.ply"), Error);
