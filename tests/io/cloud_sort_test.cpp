@@ -114,6 +114,33 @@ TEST(CloudSort, TheOrderIsTheReadersWhereStepsAreFinerThanFloats) {
   }
 }
 
+TEST(CloudSort, PartsTakePointsByTheirRoundedPlaces) {
+  // Many points lie so near to a border of large cells that a float is on its other side.
+  const TemporaryFolder folder;
+  constexpr double kBorder = -1 + 2 * 1572864.0 / 0x1fffff;
+  SurfelCloud cloud;
+  LasStorage& las = cloud.las.emplace();
+  las.scale = Vec3d::Constant(1e-9);
+  cloud.origin = Vec3d(kBorder, 0, 0);
+  cloud.position = {Vec3f(static_cast<float>(-1 - kBorder), -1, -1),
+                    Vec3f(static_cast<float>(1 - kBorder), 1, 1)};
+  for (std::size_t i = 0; i < 98'304; ++i) {
+    const auto at = [&](int axis) { return static_cast<float>(random_uniform(5, i, axis)); };
+    if (i < 49'152) {
+      cloud.position.emplace_back(3e-8F * (at(0) - 0.5F), 0.01F * at(1), 0.01F * at(2));
+    } else {
+      cloud.position.emplace_back(at(0) - 1, 2 * at(1) - 1, 2 * at(2) - 1);
+    }
+  }
+  write_cloud(cloud, folder / "points.las");
+  sort_file(folder / "points.las", folder / "sorted.ply", {.memory = kLittle});
+  const auto sorted = CloudRanges::open(folder / "sorted.ply");
+  ASSERT_TRUE(sorted);
+  const Array<Vec3f> position = sorted->positions(0, sorted->size());
+  const Array<std::uint32_t> order = morton_order(position, sorted->grid());
+  for (std::uint32_t i = 0; i < order.size(); ++i) ASSERT_EQ(order[i], i);
+}
+
 TEST(CloudSort, PointsAtOnePlaceKeepTheirOrder) {
   const TemporaryFolder folder;
   SurfelCloud cloud = make_points(1000, {0, 0, 0}, false);

@@ -121,7 +121,7 @@ struct SortedCloudWriter::Impl {
   void restore_distribution();
   Array<std::byte> read(Part& part) const;
   void write(Part& part, std::uint64_t at);
-  Vec3f placed(const Vec3d& world) const { return (world - origin).cast<float>(); }
+  Vec3f placed(const Vec3d& world) const;
   CurvePlace place_of(const Vec3d& world) const {
     return all_space ? CurvePlace(world) : CurvePlace(placed(world), grid);
   }
@@ -138,6 +138,13 @@ void SortedCloudWriter::Impl::place(const CloudSurvey& survey, const SurfelCloud
   const bool doubles = CloudRecords(like, {}).columns().front().type == ScalarType::kFloat64;
   origin = place_points(box, like.las.has_value(), doubles ? survey.decimals : std::nullopt).origin;
   grid = MortonGrid((box.min - origin).cast<float>(), (box.max - origin).cast<float>());
+}
+
+/// Where a reader of the file will find a point. Not inlined: GCC 12 leaves out the rounding of
+/// pairs of doubles to floats where it sees them turned back, and the point would be in another
+/// cell.
+[[gnu::noinline]] Vec3f SortedCloudWriter::Impl::placed(const Vec3d& world) const {
+  return (world - origin).cast<float>();
 }
 
 /// Cuts the curve so that parts have about as many surfels as each other.
