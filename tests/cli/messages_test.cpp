@@ -53,9 +53,11 @@ TEST(StringLiterals, AreFoundBesideCommentsAndCharacters) {
 }
 
 TEST(LibraryMessages, NameFieldsNotOptions) {
-  // Whose messages hold commands, of the tools or of other programs.
+  // Files whose messages hold commands, of the tools or of other programs, or that hold a style
+  // sheet.
   const std::vector<std::string> commands = {"chart",      "cloud_needs.cpp", "cloud_ranges.cpp",
-                                             "colmap.cpp", "hard_cases.cpp",  "intake.cpp"};
+                                             "colmap.cpp", "hard_cases.cpp",  "intake.cpp",
+                                             "page.cpp",   "view_page.cpp"};
   int files = 0;
   for (const auto& entry :
        fs::recursive_directory_iterator(fs::path(SURFEL_SOURCE_DIR) / "lib" / "surfel")) {

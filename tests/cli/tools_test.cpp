@@ -195,7 +195,7 @@ TEST_P(EveryTool, LetsShellsCompleteItsOptions) {
   };
   EXPECT_EQ(completed("x --progress ''"), "auto none json\n");
   EXPECT_EQ(completed("x --progress j"), "json\n");
-  EXPECT_EQ(completed("x --no-c"), "--no-clobber\n");
+  EXPECT_EQ(completed("x --no-clo"), "--no-clobber\n");
   EXPECT_EQ(completed("x --stats ''"), "\n");
   EXPECT_EQ(completed("x ''"), "\n");
   const RunResult zsh = run({path, "--completion", "zsh"});

@@ -29,11 +29,11 @@ struct CommonOptions {
   std::string stats;  ///< JSON report; empty = none.
 };
 
-/// One executable: the common options (--threads, --config, --print-config, --manual,
-/// --completion, --quiet, --verbose, --progress, --no-clobber, --stats, --help, --help-all, --version), the configuration file,
-/// errors to exit codes, signals, the JSON report. A tool's main() declares its options on app()
-/// bound to the members of its options structs (whose initialisers are the defaults), then returns
-/// run():
+/// One executable: the common options (--threads, --config, --print-config, --manual, --completion,
+/// --quiet, --verbose, --progress, --no-clobber, --stats, --help, --help-all, --version), the
+/// configuration file, errors to exit codes, signals, the JSON report. A tool's main() declares its
+/// options on app() bound to the members of its options structs (whose initialisers are the
+/// defaults), then returns run():
 ///
 ///     int main(int argc, char** argv) {
 ///       surfel::tool::Tool tool("surfel-thin", "Keeps every n-th surfel.");
