@@ -11,8 +11,8 @@
 namespace surfel {
 namespace {
 
-constexpr float kInfinity = std::numeric_limits<float>::infinity();
-constexpr float kNothingHidden = -kInfinity;
+constexpr float kNowhere = std::numeric_limits<float>::infinity();
+constexpr float kNothingHidden = -kNowhere;
 
 constexpr std::array<FragmentChannel, 3> kColorChannels{kRed, kGreen, kBlue};
 
@@ -117,7 +117,7 @@ Fragment PixelProbe::alone(const TileABuffer& tile, TileJob job) {
   blank_.assign(blank.layout.size(), 0.0F);
   blank.data = blank_.data();
   const RasterReplay open{
-      .hidden = kNothingHidden, .least_to_merge = kInfinity, .epsilon = epsilon_.data()};
+      .hidden = kNothingHidden, .least_to_merge = kNowhere, .epsilon = epsilon_.data()};
   job.replay = &open;
   rasterize_tile(job, blank);
   Fragment fragment;
@@ -159,7 +159,7 @@ float PixelProbe::hidden(const TileABuffer& state, int pixel) {
 
 /// The same for all pixels of the patch: splats behind the least of them are left out.
 float PixelProbe::least_hidden(const TileABuffer& state) const {
-  float least = kInfinity;
+  float least = kNowhere;
   const int first = pixel_ - pixel_ % kPatchPixels;
   for (int pixel = first; pixel < first + kPatchPixels; ++pixel) {
     const bool inside = tile_pixel_x(pixel) < state.width && tile_pixel_y(pixel) < state.height;
@@ -306,7 +306,7 @@ void PixelProbe::replay_together(Replay& r, std::span<const std::uint32_t> splat
 bool PixelProbe::offer(Replay& r, Event& event) {
   const Layers before = layers_of(r.state, pixel_);
   const std::vector<float> patch = patch_copy(r.state);
-  r.how.least_to_merge = kInfinity;
+  r.how.least_to_merge = kNowhere;
   r.how.epsilon = nullptr;
   event.job.replay = &r.how;
   rasterize_tile(event.job, r.state);
