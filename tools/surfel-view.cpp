@@ -1,6 +1,6 @@
 // surfel-view: pages to look at surfels in a browser.
 
-#include <optional>
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -151,7 +151,7 @@ int main(int argc, char** argv) {
                 {"surfel-view lion.ply -o lion.html", "surfel-view lion-lod.ply --serve",
                  "surfel-view before.ply after.ply -o slider.html --from 1,0.5,2"});
   tool.files().reads({"surfels"});
-  tool.files().writes("--output", surfel::tool::Writes::kAny);
+  tool.files().writes("--output", surfel::tool::Writes::kPage);
   return tool.run(argc, argv, [&] {
     if (s.output.empty() && !s.serve) {
       surfel::throw_usage(

@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <filesystem>
 #include <limits>
 #include <numeric>
@@ -66,6 +67,14 @@ void sort_file(const std::string& from, const std::string& to, const CloudSortOp
   writer->commit();
 }
 
+/// Whether a file is in the order in which its reader expects it.
+bool in_readers_order(const std::string& path) {
+  const auto sorted = CloudRanges::open(path);
+  const Array<Vec3f> position = sorted->positions(0, sorted->size());
+  const Array<std::uint32_t> order = morton_order(position, sorted->grid());
+  return std::is_sorted(order.begin(), order.end());
+}
+
 constexpr std::uint64_t kMuch = std::uint64_t{1} << 32;
 constexpr std::uint64_t kLittle = std::uint64_t{2} << 20;
 
@@ -106,11 +115,7 @@ TEST(CloudSort, TheOrderIsTheReadersWhereStepsAreFinerThanFloats) {
     }
     write_cloud(cloud, folder / "points.las");
     sort_file(folder / "points.las", folder / "sorted.ply", {.memory = kMuch});
-    const auto sorted = CloudRanges::open(folder / "sorted.ply");
-    ASSERT_TRUE(sorted);
-    const Array<Vec3f> position = sorted->positions(0, sorted->size());
-    const Array<std::uint32_t> order = morton_order(position, sorted->grid());
-    for (std::uint32_t i = 0; i < order.size(); ++i) ASSERT_EQ(order[i], i) << shift;
+    EXPECT_TRUE(in_readers_order(folder / "sorted.ply")) << shift;
   }
 }
 
@@ -134,11 +139,7 @@ TEST(CloudSort, PartsTakePointsByTheirRoundedPlaces) {
   }
   write_cloud(cloud, folder / "points.las");
   sort_file(folder / "points.las", folder / "sorted.ply", {.memory = kLittle});
-  const auto sorted = CloudRanges::open(folder / "sorted.ply");
-  ASSERT_TRUE(sorted);
-  const Array<Vec3f> position = sorted->positions(0, sorted->size());
-  const Array<std::uint32_t> order = morton_order(position, sorted->grid());
-  for (std::uint32_t i = 0; i < order.size(); ++i) ASSERT_EQ(order[i], i);
+  EXPECT_TRUE(in_readers_order(folder / "sorted.ply"));
 }
 
 TEST(CloudSort, PointsAtOnePlaceKeepTheirOrder) {

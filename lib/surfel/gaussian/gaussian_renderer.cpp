@@ -153,7 +153,7 @@ void GaussianRenderer::Frame::project(const GaussianView& view, const GaussianCl
 std::size_t GaussianRenderer::Frame::gaussian_of(const GaussianView& view,
                                                  const GaussianCloud& cloud,
                                                  std::uint32_t splat) const {
-  // The splats of a range are those of its Gaussians that are seen, in their order.
+  // Each Gaussian of a range that is seen has one splat there, in the order of the Gaussians.
   std::size_t before = splat % kProjectionGrain;
   for (std::size_t i = splat - before;; ++i) {
     GaussianSplat one;

@@ -244,8 +244,9 @@ struct PixelContribution {
 /// \param depth  its depth.
 void insert_by_merging(TileABuffer& tile, int pixel, const Fragment& fresh, float depth);
 
-/// Reads the fragment of a pixel's layer, in place: a copy would wait for the stores. Channels that
-/// the layout does not have are 0, but for kAlpha.
+/// Reads the fragment of a pixel's layer, in place: a copy would wait for the stores. A channel
+/// that the tile's layout leaves out becomes 0; kAlpha becomes the weight in tiles of opaque
+/// splats.
 void load_fragment(const TileABuffer& tile, int layer, int pixel, Fragment& fragment);
 
 /// A contribution as a fragment of its own.

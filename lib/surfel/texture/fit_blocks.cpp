@@ -37,9 +37,9 @@ constexpr double kMostUneven = 4;
 /// A lambda that is too low by this share of the least eigenvalue changes no coefficient by more
 /// than as much.
 constexpr double kLambdaSlack = 1e-3;
-/// Below this lambda a Gram matrix is definite but for rounding. Lambda then bounds the condition
-/// alone, and is taken this many times as large as the stretches need it, so that blocks, whose
-/// estimates of eigenvalues differ a little, seldom need more.
+/// Where the stretches need a smaller lambda than this, their Gram matrices are definite, and
+/// lambda has to bound nothing but the condition. The blocks then get this many times that lambda:
+/// their estimates of eigenvalues differ a little, and would ask for slightly more.
 constexpr double kDefiniteLambda = 1e-3;
 constexpr double kLambdaMargin = 1.25;
 
