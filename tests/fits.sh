@@ -249,7 +249,8 @@ done
 `surfel-texture` gives every surfel a coefficient, so that the renderer, which adds the surfels' Gaussians and divides by their sum, shows the
 texture. There are three fits:
 
-- `--fit ewa`, the default, filters the texture with each surfel's kernel. It is fast, blurs a little and never rings.
+- `--fit ewa`, the default, filters the texture with each surfel's kernel. It is fast, blurs a little and never rings; `--prefilter 0.5` blurs less
+  ([Prefilter](#prefilter)).
 - `--fit gram` solves for the optimal samples of *Surface Splatting* (Zwicker et al. 2001, "SS01"), R w = c; with `--right-side normalised`
   for another c, which takes the renderer's division by the kernels' sum into account.
 - `--fit render` solves a least squares problem in the very basis that the renderer evaluates, from near and from afar.
@@ -271,7 +272,7 @@ surfel-texture bare.ply --solid marble -o marble.ply                # a texture 
 `--stats` tells condition, residual and error of a fit. In the tables c is the cutoff, where kernels end (beta = c), sigma the standard
 deviation of a surfel's kernel, h the spacing of the surfels and h_s the standard deviation of the pixel filter.
 
-Made by `tests/fits.sh`, section by section, but for [Solid textures](#solid-textures).
+Made by `tests/fits.sh`, section by section, but for [Blocks](#blocks), [Prefilter](#prefilter) and [Solid textures](#solid-textures).
 TEXT
   for section in "${all[@]}"; do
     echo
@@ -280,6 +281,6 @@ TEXT
     echo "<!-- end of $section -->"
   done
   echo
-  cat "$root/tests/fits_solid.md" "$root/tests/fits_notes.md"
+  cat "$root/tests/fits_blocks.md" "$root/tests/fits_solid.md" "$root/tests/fits_notes.md"
 } > "$work/page.md"
 mv "$work/page.md" "$page"

@@ -51,13 +51,11 @@ estimate points.xyz -o smooth.ply -k auto --remove-outliers --smooth mls --aniso
 estimate points.xyz -o noisy.ply --voxel auto --variance max-distance
 texture a.ply -o ewa.ply --image tex.png
 texture a.ply -o gram.ply --image tex.png --fit gram
-texture a.ply -o factored.ply --image tex.png --fit gram --solver ldlt
 texture a.ply -o fitted.ply --image tex.png --fit render
 texture a.ply -o bounded.ply --image tex.png --fit render --bounds 0,1 --lambda 0.3
 texture a.ply -o robust.ply --image tex.png --fit render --robust auto
 texture a.ply -o variance.ply --image tex.png --fit render --refine-variance
 texture b.ply -o marble.ply --solid marble
-texture b.ply -o checker.ply --solid checker
 texture b.ply -o bump.ply --bump tex.png
 lod b.ply -o levels.ply
 simplify b.ply -o fewer.ply --count 200
@@ -72,7 +70,6 @@ render b.ply -o two-pass.exr --size 56x48 --method two-pass
 render b.ply -o peeled.exr --size 56x48 --method depth-peel
 render groups.ply -o transparent.exr --size 56x48 --method transparent
 render groups.ply -o high.exr --size 56x48 --method transparent-high
-render groups.ply -o by-group.exr --size 56x48 --method transparent --layers-by group
 render b.ply -o affine.exr --size 56x48 --kernel affine
 render b.ply -o near.exr --size 56x48 --kernel perspective --eye 0.4,0.3,0.9
 render b.ply -o source.exr --size 56x48 --filter ewa-source
@@ -84,13 +81,11 @@ render levels.ply -o coarse.exr --size 56x48 --lod on --lod-error 3
 render b.ply -o streamed.exr --size 56x48 --memory 1M
 render bump.ply -o relief.exr --size 56x48
 render b.ply -o colors.png --size 256 --color-by elevation
-render b.ply -o turn_%02d.png --size 48 --turntable 2
 render points.xyz -o points.png --size 56x48
 render b.ply -o sky.png --size 56x48 --scene sky.toml
 render b.ply -o glass.exr --size 56x48 --scene glass.toml
 info b.ply --json
 info points.xyz --json
-info a.obj --json
 compare dome.png occluded.png --json -o difference.png
 )";
 

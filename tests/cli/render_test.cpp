@@ -178,13 +178,13 @@ TEST(Render, ReliefsOfSurfelsAndMeshLookAlike) {
                  "--target",
                  "0,0,0",
                  "--size",
-                 "64x64"};
+                 "40x40"};
     render.insert(render.end(), options.begin(), options.end());
     const RunResult result = run(render);
     EXPECT_EQ(result.exit_code, 0) << result.errors;
     return read_image(file, true);
   };
-  Words of_mesh{"--mesh", s.mesh, "--image", "checker:2", "--samples", "8"};
+  Words of_mesh{"--mesh", s.mesh, "--image", "checker:2", "--samples", "6"};
   const Image flat = picture(of_mesh);
   of_mesh.insert(of_mesh.end(), relief.begin(), relief.end());
   const Image truth = picture(of_mesh);

@@ -366,7 +366,7 @@ TEST(Tools, ShippedConfigurationsWork) {
     ASSERT_TRUE(option != options.end()) << name << ": say here how it is used";
     const bool known = name.ends_with(".json");  // Such pictures have a shape.
     const RunResult result = run({tool("surfel-render"), Inputs::get().surfels, option->second,
-                                  entry.path().string(), "--size", known ? "32x24" : "32x32", "-o",
+                                  entry.path().string(), "--size", known ? "32x24" : "16x16", "-o",
                                   folder / (name + "_%04d.png"), "--frames", "0-0"});
     EXPECT_EQ(result.exit_code, 0) << name << ": " << result.errors;
     EXPECT_TRUE(fs::exists(folder / (name + "_0000.png"))) << name;

@@ -136,14 +136,14 @@ TEST(GaussianRenderer, TrainedFiles) {
   if (!std::filesystem::exists(folder)) GTEST_SKIP() << "no test data";
   {
     const GaussianCloud cloud = read_gaussians(folder + "/gaussians_train_1000.ply");
-    Camera camera = gaussian_camera(90, 61);
+    Camera camera = gaussian_camera(45, 31);
     camera.eye = {0, -0.5, -7};
     for (const GaussianProfile profile : kProfiles) {
       expect_oracles_picture(cloud, camera, profile, 55);
     }
   }
   const GaussianCloud cloud = read_gaussians(folder + "/table.splat");
-  Camera camera = gaussian_camera(20, 16);
+  Camera camera = gaussian_camera(11, 9);
   camera.eye = {-0.45, 0.3, 0};
   for (const GaussianProfile profile : kProfiles) {
     expect_oracles_picture(cloud, camera, profile, 55);

@@ -19,6 +19,7 @@ double phi(double z) { return std::erfc(-z / std::sqrt(2.0)) / 2; }
 /// straight line in a distance from its centre.
 double share_inside(double distance, double cutoff) {
   const double reach = std::sqrt(2 * cutoff);
+  if (std::abs(distance) >= reach) return distance > 0 ? 1 : 0;
   constexpr int kSteps = 4000;
   double inside = 0;
   double all = 0;

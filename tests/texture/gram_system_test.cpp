@@ -109,7 +109,7 @@ struct PlaneCase {
 class GramPlane : public testing::TestWithParam<PlaneCase> {};
 
 TEST_P(GramPlane, EntriesAndCoefficientsAreThoseOfTheDenseSystem) {
-  const SurfelBasis basis = make_basis(jittered_plane(50, GetParam().kappa, GetParam().kernels));
+  const SurfelBasis basis = make_basis(jittered_plane(30, GetParam().kappa, GetParam().kernels));
   const GramSystem system = make_gram_system(basis);
   const Eigen::MatrixXd truth = planar_gram(basis);
   const Eigen::MatrixXd gram = dense(system.matrix);

@@ -140,10 +140,8 @@ void SortedCloudWriter::Impl::place(const CloudSurvey& survey, const SurfelCloud
   grid = MortonGrid((box.min - origin).cast<float>(), (box.max - origin).cast<float>());
 }
 
-/// Where a reader of the file will find a point. Not inlined: GCC 12 leaves out the rounding of
-/// pairs of doubles to floats where it sees them turned back, and the point would be in another
-/// cell.
-[[gnu::noinline]] Vec3f SortedCloudWriter::Impl::placed(const Vec3d& world) const {
+/// Where a reader of the file will find a point.
+Vec3f SortedCloudWriter::Impl::placed(const Vec3d& world) const {
   return (world - origin).cast<float>();
 }
 
