@@ -169,9 +169,34 @@ TEST(Documents, TheTutorialOfScansRuns) { run_commands({"docs/tutorial-scan.md",
 
 TEST(Documents, TheTutorialOfMeshesRuns) { run_commands({"docs/tutorial-mesh.md", 15, 8}); }
 
-TEST(Documents, TheCommandsOfChoosingRun) { run_commands({"docs/choose.md", 5}); }
+TEST(Documents, TheCommandsOfChoosingRun) {
+  run_commands(
+      {"docs/choose.md",
+       5,
+       0,
+       {{"head.obj --quick ", "head.obj --quick --sweep cutoff --count 2000 --frames 0 "}}});
+}
 
-TEST(Documents, TheGalleryRuns) { run_commands({"docs/gallery.md", 5}); }
+TEST(Documents, TheGalleryRuns) { run_commands({"docs/gallery.md", 8, 4}); }
+
+/// Commands that the gallery names and does not run are those of README.md, or of a page that says
+/// which file of the test data they are for; and it shows every picture.
+TEST(Documents, TheGalleryIsWhole) {
+  const std::string gallery = text_of(kRoot / "docs/gallery.md");
+  std::string pages = text_of(kRoot / "README.md");
+  for (const char* page : {"rendering.md", "view.md"}) pages += text_of(kRoot / "docs" / page);
+  for (const std::string& command :
+       matches(gallery, std::regex("`(surfel-[a-z-]+ [^`]* -o [^`]*)`"))) {
+    EXPECT_TRUE(contains(pages, command)) << command;
+  }
+  for (const fs::directory_entry& entry : fs::directory_iterator(kRoot / "docs")) {
+    const std::string name = entry.path().filename();
+    const bool picture = entry.path().extension() == ".png" || entry.path().extension() == ".jpg";
+    if (picture && !name.starts_with("tutorial-")) {
+      EXPECT_TRUE(contains(gallery, "](" + name + ")")) << "the gallery lacks " << name;
+    }
+  }
+}
 
 /// The reader of docs/format.md, in plain Python, reads what the tools write.
 TEST(Documents, TheReaderInTenLinesReads) {
