@@ -68,6 +68,15 @@ TEST(Documents, EveryPageHasItsPlaceInTheNavigationOfTheSite) {
   }
 }
 
+TEST(Documents, TheListOfPagesHasAll) {
+  const std::string list = text_of(kRoot / "docs/README.md");
+  for (const fs::path& page : pages()) {
+    const std::string name = page.filename();
+    if (page.parent_path() != kRoot / "docs" || name == "README.md") continue;
+    EXPECT_NE(list.find("](" + name + ")"), std::string::npos) << name;
+  }
+}
+
 TEST(Documents, TableOfLayersHasTheFoldersInTheirOrder) {
   const std::string page = text_of(kRoot / "lib/README.md");
   const std::size_t begin = page.find("## Layers");
