@@ -130,6 +130,12 @@ TEST_F(ColorBy, ARangeIsFoundAndSaid) {
   expect_near(color(false), map_color(ColorMap::kViridis, 1), 1e-5F);
 }
 
+TEST_F(ColorBy, ElevationOfAMapIsHeightNotNorth) {
+  const RunResult map = render({"--color-by", "elevation", "--map", "1"});
+  ASSERT_EQ(map.exit_code, 0) << map.errors;
+  EXPECT_TRUE(contains(map.errors, "coloured by elevation, 0 everywhere")) << map.errors;
+}
+
 TEST_F(ColorBy, WhatCannotBeShownIsRefused) {
   const auto refused = [&](const Words& words, int code, const std::string& part) {
     const RunResult result = render(words, "none.png");

@@ -60,6 +60,23 @@ TEST(Documents, EveryLinkResolves) {
   EXPECT_GT(links, 20u);
 }
 
+TEST(Documents, EveryPageHasItsPlaceInTheNavigationOfTheSite) {
+  const std::string navigation = text_of(kRoot / "cmake/documents/mkdocs.yml.in");
+  for (const fs::path& page : pages()) {
+    const std::string place = ": " + fs::relative(page, kRoot).string() + '\n';
+    EXPECT_NE(navigation.find(place), std::string::npos) << page << " is in no section of the site";
+  }
+}
+
+TEST(Documents, TheListOfPagesHasAll) {
+  const std::string list = text_of(kRoot / "docs/README.md");
+  for (const fs::path& page : pages()) {
+    const std::string name = page.filename();
+    if (page.parent_path() != kRoot / "docs" || name == "README.md") continue;
+    EXPECT_NE(list.find("](" + name + ")"), std::string::npos) << name;
+  }
+}
+
 TEST(Documents, TableOfLayersHasTheFoldersInTheirOrder) {
   const std::string page = text_of(kRoot / "lib/README.md");
   const std::size_t begin = page.find("## Layers");

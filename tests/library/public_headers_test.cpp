@@ -58,5 +58,23 @@ TEST(PublicHeaders, HaveNoTypeWhoseLayoutDependsOnCompilerFlags) {
   }
 }
 
+/// The reference of the headers has a sentence for each.
+TEST(PublicHeaders, SayWhatEveryTypeIs) {
+  const std::regex type(
+      R"((?:^|\n)([^\n]*)\n {0,2}(?:template <[^\n]*\n *)?(?:struct|class) (?:SURFEL_API )?(\w+)(?: final)?(?: : [^\n]*)? \{)");
+  std::size_t types = 0;
+  for (const std::string& header : public_headers()) {
+    const std::string text = text_of(kLibraryFolder + header);
+    for (auto it = std::sregex_iterator(text.begin(), text.end(), type);
+         it != std::sregex_iterator(); ++it) {
+      const std::string before = (*it)[1];
+      if (before == " private:") continue;
+      EXPECT_NE(before.find("///"), std::string::npos) << header << ": " << (*it)[2];
+      ++types;
+    }
+  }
+  EXPECT_GT(types, 200U);
+}
+
 }  // namespace
 }  // namespace surfel::test

@@ -24,6 +24,8 @@ surfel_packages=(
   chromium
   # Tests of the scripts for clusters.
   munge parallel slurm-wlm
+  # The site of the documents, and the reference of the headers.
+  doxygen mkdocs python3
   # The benchmarks, which CI builds.
   libbenchmark-dev
   # The sanitizers.

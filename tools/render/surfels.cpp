@@ -109,7 +109,8 @@ std::unique_ptr<LoadedCloud> load_surfels(tool::Tool& tool, const Settings& s,
   options.columns.places = !s.explained_pixels.empty();
   Coloring coloring;
   coloring.file = name;
-  coloring.up = views.front().options.up;
+  // A map's camera looks down, and what is up in its picture is north.
+  coloring.up = s.map ? Vec3d(0, 0, 1) : views.front().options.up;
   auto loaded = load_files(tool, s, views, options, coloring);
   legend = std::move(coloring.legend);
   if (!loaded->has_levels() && (s.lod == Lod::kOn || s.render.lod_error || s.progressive > 1)) {

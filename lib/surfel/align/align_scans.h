@@ -12,6 +12,7 @@
 
 namespace surfel {
 
+/// How far and how long align_scans() searches.
 struct AlignOptions {
   double reach = 0;  ///< How far points may be from their right places at first, scene units, 0 or
                      ///< 1e-9..1e9; 0: a twentieth of the largest scan's diameter.
@@ -27,6 +28,7 @@ struct ScanFit {
   double moved = 0;         ///< Largest move of a point, scene units.
 };
 
+/// The poses that align_scans() has found, and how well they fit.
 struct AlignReport {
   std::vector<ScanFit> scans;
   double reach = 0;         ///< As it was taken, scene units.

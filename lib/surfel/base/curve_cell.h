@@ -12,6 +12,7 @@
 
 namespace surfel {
 
+/// A cube whose side is a power of two and whose corners lie at multiples of it, or all of space.
 struct SURFEL_API CurveCell {
   /// Side of the root, which is all of space.
   static constexpr int kAllSpace = 1025;

@@ -20,6 +20,7 @@
 
 namespace surfel {
 
+/// Options of all steps of estimate_surfels().
 struct EstimateOptions {
   SearchMethod search = SearchMethod::kExact;
   NormalOptions normals;  ///< Its `sensor`, world coordinates; unset: the origin is tried.
@@ -33,6 +34,7 @@ struct EstimateOptions {
   SURFEL_API std::vector<std::string> problems() const;  ///< Empty if usable.
 };
 
+/// What estimate_surfels() has done and found, step by step.
 struct EstimateReport {
   std::size_t points = 0;           ///< Points of the cloud as it came.
   std::size_t nonfinite = 0;        ///< Points removed: NaN or infinite coordinates.

@@ -27,6 +27,7 @@ enum class Orientation : std::uint8_t {
   kNone        ///< Normals stay as they are.
 };
 
+/// How normals get their side.
 struct OrientationOptions {
   Orientation method = Orientation::kAuto;
   /// World coordinates. Unset: the viewpoint that the cloud tells, or each of its scans.
@@ -42,6 +43,7 @@ struct OrientationOptions {
 /// apart.
 inline constexpr std::size_t kOrientationNeighbors = 8;
 
+/// What orient_normals() has turned, and how sure it is.
 struct OrientationReport {
   Orientation method = Orientation::kNone;  ///< The one asked for, or chosen by kAuto.
   std::size_t components = 0;  ///< Parts of the surface that signs spread along; 0 without

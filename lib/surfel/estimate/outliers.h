@@ -9,6 +9,7 @@
 
 namespace surfel {
 
+/// Which points inliers() takes for outliers.
 struct OutlierOptions {
   int neighbors = 16;     ///< Neighbours whose mean distance from a point is looked at, 1..1024.
   double deviations = 3;  ///< A point is an outlier where this mean distance is above the average

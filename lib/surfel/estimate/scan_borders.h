@@ -10,6 +10,7 @@
 
 namespace surfel {
 
+/// What find_borders() has found.
 struct BorderReport {
   std::size_t points = 0;  ///< Points that lines at borders cut.
   std::size_t unsure = 0;  ///< Points at a border whose line cannot be told.

@@ -12,12 +12,14 @@
 
 namespace surfel {
 
+/// Which edges sharpen_creases() takes for creases.
 struct CreaseOptions {
   double crease_angle = 30;  ///< Least angle between the normals of faces beside a crease, degrees,
                              ///< 10..90.
   SURFEL_API std::vector<std::string> problems() const;  ///< Empty if usable.
 };
 
+/// What sharpen_creases() has found.
 struct CreaseReport {
   std::size_t points = 0;  ///< Points beside creases, whose normals are one face's now.
   std::size_t unsure = 0;  ///< Points whose surface bends as at a crease, but may be smooth.

@@ -10,6 +10,7 @@
 
 namespace surfel {
 
+/// Reach and order of smooth_points().
 struct SmoothingOptions {
   double spacings = 4;  ///< Radius of a neighbourhood in local spacings s, 1..20: it holds the
                         ///< pi s^2 nearest points, whatever their density.
@@ -19,6 +20,7 @@ struct SmoothingOptions {
   SURFEL_API std::vector<std::string> problems() const;  ///< Empty if usable.
 };
 
+/// Points that smooth_points() has moved, and their normals.
 struct SmoothedPoints {
   Array<Vec3f> position;
   Array<Vec3f> normal;     ///< Of the polynomial, unit, of any side; zero where a point stayed.

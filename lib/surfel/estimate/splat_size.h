@@ -27,6 +27,7 @@ enum class Anisotropy : std::uint8_t {
   kOff,
 };
 
+/// Rule and limits of estimate_splat_sizes().
 struct SplatSizeOptions {
   VarianceRule rule = VarianceRule::kCover;
   Anisotropy anisotropy = Anisotropy::kAuto;

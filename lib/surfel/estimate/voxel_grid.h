@@ -11,6 +11,7 @@
 
 namespace surfel {
 
+/// Cells of average_voxels().
 struct VoxelOptions {
   double edge = 0;  ///< Of a cell, scene units, 0 or 1e-9..1e9; 0: twice the points' spacing, which
                     ///< leaves about a quarter of them.

@@ -37,6 +37,7 @@ enum class GaussianProfile : std::uint8_t {
 /// Most samples in a pixel along each axis.
 inline constexpr int kMostSamples = 4;
 
+/// How a GaussianRenderer draws: profile, filter, order and limits.
 struct GaussianOptions {
   GaussianProfile profile = GaussianProfile::kExact;
   /// Standard deviation of the pixel filter of kExact and kSurfel, pixels, 0.1..16. The default

@@ -16,6 +16,7 @@
 
 namespace surfel {
 
+/// Which part of a file is read, and how.
 struct CloudReadOptions {
   bool levels = false;  ///< Read all levels of detail and their tree, not the finest level alone.
   /// Of a COPC file the points of this level and of the coarser ones alone, 0 = the coarsest; no
@@ -90,6 +91,7 @@ class SURFEL_API CloudReader {
 SURFEL_API void read_comments(const std::vector<std::string>& comments, const std::string& file,
                               SurfelCloud& cloud);
 
+/// How a file of surfels is written.
 struct CloudWriteOptions {
   bool no_clobber = false;
   bool ascii = false;  ///< PLY ascii instead of binary little-endian.

@@ -19,6 +19,7 @@ SURFEL_API bool holds_gaussians(const std::string& path);
 /// As above, for a file that is open; of a pipe the bytes stay to be read.
 SURFEL_API bool holds_gaussians(const InputFile& input);
 
+/// What may stop the reading of a file of Gaussians.
 struct GaussianReadOptions {
   /// Called once, when a file has said how many Gaussians it has and of which degree, before memory
   /// is taken for them; it may throw. Unset: all are read.
@@ -48,6 +49,7 @@ SURFEL_API GaussianCloud read_gaussians(const std::string& path,
                                         const GaussianReadOptions& options = {});
 SURFEL_API GaussianCloud read_gaussians(InputFile input, const GaussianReadOptions& options = {});
 
+/// How a file of Gaussians is written.
 struct GaussianWriteOptions {
   bool no_clobber = false;
   std::vector<std::string> provenance = {};  ///< A PLY header gets a comment for each.

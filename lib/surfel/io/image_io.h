@@ -46,6 +46,7 @@ SURFEL_API Image read_premultiplied_image(const std::string& path);
 /// An image that is read piece by piece, so that it need not fit into memory.
 class SURFEL_API ImageReader {
  public:
+  /// Size and channels of a picture, as its header tells.
   struct Layout {
     std::string name;  ///< For messages.
     int width = 0;
@@ -83,6 +84,7 @@ struct RowsOfPicture {
   int height;  ///< Of the picture.
 };
 
+/// What is written beside the pixels of a picture, and which rows they are.
 struct ImageWriteOptions {
   bool no_clobber = false;
   /// String attributes for the file's metadata (formats without any ignore them).

@@ -31,6 +31,7 @@ struct LevelStoreBlock : LevelStorePart {
   CurveCell cell;
 };
 
+/// What index.json of a store of levels tells (docs/format.md).
 struct LevelStoreIndex {
   int reduction = 3;               ///< HierarchyOptions::reduction of all levels.
   double normal_angle = 40;        ///< SheetRules::normal_angle.

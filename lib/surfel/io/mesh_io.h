@@ -16,6 +16,7 @@ SURFEL_API TriangleMesh read_mesh(const std::string& path);
 /// Reads a mesh from a file that is open, or in memory; its name tells the format.
 SURFEL_API TriangleMesh read_mesh(InputFile file);
 
+/// How a file of a mesh is written.
 struct MeshWriteOptions {
   bool no_clobber = false;
 };

@@ -19,6 +19,7 @@ namespace surfel {
 
 enum class PlyFormat : std::uint8_t { kAscii, kBinaryLittleEndian, kBinaryBigEndian };
 
+/// A property of an element, as the header declares it.
 struct PlyProperty {
   std::string name;
   ScalarType type = ScalarType::kFloat32;     ///< Type of the value, or of a list's items.
@@ -26,6 +27,7 @@ struct PlyProperty {
   bool is_list() const { return list_count_type.has_value(); }
 };
 
+/// An element of a PLY file, as its header declares it.
 struct PlyElement {
   std::string name;
   std::size_t count = 0;
@@ -33,6 +35,7 @@ struct PlyElement {
   const PlyProperty* find(std::string_view property) const;  ///< Null if there is none.
 };
 
+/// The header of a PLY file.
 struct PlyHeader {
   PlyFormat format = PlyFormat::kAscii;
   std::vector<PlyElement> elements;   ///< Elements in the order of the file.

@@ -15,6 +15,7 @@
 
 namespace surfel {
 
+/// How a RowFile is written: in one go or taken up again, alone or by several processes.
 struct RowFileOptions {
   bool no_clobber = false;
   /// What is made of what, in words that differ where the result would. If there are any, a run

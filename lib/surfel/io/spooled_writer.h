@@ -10,6 +10,7 @@
 
 namespace surfel {
 
+/// Where a SpooledWriter keeps rows until it writes them.
 struct SpoolOptions {
   bool no_clobber = false;
   /// RowFileOptions::job. If there is one, the scratch file is FILE.unfinished-scratch, and stays

@@ -10,6 +10,7 @@
 
 namespace surfel {
 
+/// How views are read from a file.
 struct ViewFileOptions {
   /// Pictures of files that do not tell their size, as the oldest transforms.json.
   int width = 0;  ///< Pixels; 0 = unknown, and such files are refused.

@@ -10,6 +10,7 @@
 
 namespace surfel {
 
+/// Shape of the levels that build_gaussian_hierarchy() makes.
 struct GaussianHierarchyOptions {
   /// Gaussians of a level for one Gaussian of the next coarser level, 2..16.
   int reduction = 3;

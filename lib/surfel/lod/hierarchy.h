@@ -17,6 +17,7 @@
 
 namespace surfel {
 
+/// Shape of the levels that build_hierarchy() makes.
 struct HierarchyOptions {
   /// Surfels of a level for one surfel of the next coarser level, 2..16: finer steps come closer to
   /// what a picture needs, and make a larger file (1 / (reduction - 1) more surfels).

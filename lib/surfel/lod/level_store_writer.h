@@ -22,6 +22,7 @@
 
 namespace surfel {
 
+/// Shape of the levels of a store, and the memory to make them in.
 struct LevelStoreOptions {
   /// Of all levels; checkpoints, peers and least_levels have no effect. `memory` is what sorting
   /// and the levels above all blocks may take.
@@ -33,6 +34,7 @@ struct LevelStoreOptions {
   SURFEL_API std::vector<std::string> problems() const;  ///< Empty if usable.
 };
 
+/// What was written to a store.
 struct LevelStoreReport {
   UnusableSurfels dropped;          ///< Surfels that were left out.
   std::uint64_t added = 0;          ///< Surfels that were not.

@@ -26,6 +26,7 @@ SURFEL_API std::size_t rank_of(double share, std::size_t count);
 /// Spread of one value or more; the percentiles are the values of rank_of().
 SURFEL_API Distribution distribution(std::vector<double> values);
 
+/// What cloud_statistics() measures, and at how many surfels.
 struct CloudStatisticsOptions {
   double cutoff = 1;            ///< c of beta < c: a disc reaches sqrt(2 c variance), > 0.
   std::size_t samples = 20000;  ///< Surfels that are looked at closely, >= 1.

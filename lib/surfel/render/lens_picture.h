@@ -10,6 +10,7 @@
 
 namespace surfel {
 
+/// Pixel filter of a picture through a lens, and what surrounds it.
 struct LensPictureOptions {
   double lowpass = 1;  ///< Standard deviation of the pixel filter with which pinhole pictures are
                        ///< drawn, in their pixels, > 0, and with which the result is filtered.

@@ -40,6 +40,7 @@ enum class Relief : std::uint8_t {
   kOcclusion,  ///< By how much of the sky what is around a pixel hides: creases and hollows.
 };
 
+/// How a Renderer draws: kernel, filter, layers, coverage, light.
 struct RenderOptions {
   /// The method by which a pixel's splats are composited; null: the A-buffer of SS01 section 6.
   /// sp06/methods.h makes the others.

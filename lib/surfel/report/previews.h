@@ -18,6 +18,7 @@ struct Preview {
   Image image;          ///< Premultiplied, over nothing.
 };
 
+/// Size of preview_pictures(), what they show, and the memory for them.
 struct PreviewOptions {
   int size = 480;           ///< Pixels along a side, 16..4096.
   CloudReadOptions part{};  ///< Of surfels and points: what is shown.

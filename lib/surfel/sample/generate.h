@@ -14,6 +14,7 @@
 
 namespace surfel {
 
+/// Number, jitter, size and columns of generated surfels.
 struct SURFEL_API GenerateOptions {
   std::size_t count = 100000;  ///< Surfels, exactly; 1 to 2^32 - 1.
   std::uint64_t seed = 1;

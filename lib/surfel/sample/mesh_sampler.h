@@ -17,6 +17,7 @@
 
 namespace surfel {
 
+/// Number, spacing and pattern of the samples of a mesh.
 struct SURFEL_API MeshSampleOptions {
   /// Either the root of the area per sample, scene units, > 0, ...
   std::optional<double> spacing;

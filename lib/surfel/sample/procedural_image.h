@@ -15,6 +15,7 @@ namespace surfel {
 /// all u and v. Callable from any thread.
 using ProceduralTexture = std::function<Vec3f(double u, double v)>;
 
+/// Frequency, seed and colours of a procedural texture.
 struct SURFEL_API ProceduralTextureOptions {
   double frequency = 16;   ///< > 0. Squares of the checker, pairs of spokes of the star (rounded to
                            ///< a whole number), cells of the noise's first octave per unit of uv.

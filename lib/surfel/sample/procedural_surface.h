@@ -16,6 +16,7 @@ namespace surfel {
 /// A surface over the unit square of (u, v), known exactly.
 class SURFEL_API ParametricSurface {
  public:
+  /// A place of the surface and its derivatives there.
   struct Point {
     Vec3d position;
     Vec3d normal;  ///< Unit, outward; defined where the derivatives vanish, too.

@@ -10,6 +10,7 @@
 
 namespace surfel {
 
+/// Overlap of the kernels, which tells opacities, and the Gaussians' thickness.
 struct GaussiansOfSurfelsOptions {
   /// Mean of the sum of all kernels, each 1 at its centre, over a place of the surface, > 0: 2 pi
   /// times the standard deviations, over the area of a surfel. Coverage::overlap of

@@ -11,6 +11,7 @@
 
 namespace surfel {
 
+/// What becomes of materials, scans and columns where clouds are joined.
 struct JoinOptions {
   /// For each cloud, the row of the material table that its surfels get, 0..65535; -1: the cloud's
   /// surfels keep their rows. Empty: all surfels keep their rows.
@@ -25,6 +26,7 @@ struct JoinOptions {
 
 /// What joining did to the columns.
 struct JoinReport {
+  /// A column that some clouds lack, and what it is filled with there.
   struct Filled {
     std::size_t cloud;
     std::string column;

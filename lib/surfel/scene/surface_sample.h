@@ -14,6 +14,7 @@ namespace surfel {
 
 /// A few thousand points of a surface, enough to judge its shape as a whole.
 struct SurfaceSample {
+  /// A place of the surface and its normal.
   struct Point {
     Vec3f position;  ///< Relative to the sample's origin.
     Vec3f normal;    ///< Unit; zero = unknown.

@@ -14,6 +14,7 @@ struct Volume;
 /// What a volume's values look like: colour and density by value, linear between points, constant
 /// before the first and after the last.
 struct TransferFunction {
+  /// Colour and density at a value.
   struct Point {
     double value = 0;
     Vec3f color{1, 1, 1};  ///< As displays take it (sRGB), 0..1.

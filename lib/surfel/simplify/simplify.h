@@ -15,6 +15,7 @@
 
 namespace surfel {
 
+/// Goal of simplify_surfels(), and what counts as an error.
 struct SURFEL_API SimplifyOptions {
   /// Largest SimplifyError::total() allowed, > 0. Either `max_error` or `count` is set.
   std::optional<double> max_error = {};

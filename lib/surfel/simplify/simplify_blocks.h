@@ -21,6 +21,7 @@ SURFEL_API std::uint64_t simplify_bytes(std::size_t surfels, std::size_t row_byt
 /// Bytes that simplify_by_blocks() takes for any number of surfels.
 SURFEL_API std::uint64_t simplify_block_bytes(std::size_t row_bytes);
 
+/// Size of the blocks of simplify_by_blocks(), and where finished ones are kept.
 struct SimplifyBlockOptions {
   std::size_t most = std::size_t{1} << 16;  ///< Surfels of a block, >= 1.
   /// Keeps what blocks need and the blocks that are finished; null: none.

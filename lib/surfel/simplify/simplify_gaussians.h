@@ -10,6 +10,7 @@
 
 namespace surfel {
 
+/// How many Gaussians simplify_gaussians() leaves.
 struct SimplifyGaussiansOptions {
   std::size_t count = 0;  ///< Gaussians to keep, >= 1.
 

@@ -15,6 +15,7 @@ struct CoefficientBounds {
   double upper = 1;
 };
 
+/// When a solver of linear systems ends.
 struct SURFEL_API SolveOptions {
   /// Iterations end where the residual |b - A x| of every channel is at most this times its |b|.
   double tolerance = 1e-6;    ///< In (0, 1).
@@ -30,6 +31,7 @@ struct SURFEL_API SolveOptions {
 SURFEL_API void tell_decay(const std::function<void(double)>& progress, double first, double now,
                            double last);
 
+/// How a solver of linear systems ended.
 struct SolveReport {
   int iterations = 0;
   /// The worst channel's relative residual; with bounds, only its part that a feasible step

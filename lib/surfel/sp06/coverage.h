@@ -22,6 +22,7 @@ enum class CoverMethod : std::uint8_t {
   kDuplicate,    ///< Method (1): splats of other groups are added.
 };
 
+/// How cover_groups() closes the holes of groups.
 struct CoverageOptions {
   CoverMethod method = CoverMethod::kEnlargeEach;
   double cutoff = 1;  ///< c of beta < c: a disc's radius is sqrt(2 c max variance), > 0.
@@ -72,6 +73,7 @@ struct GroupCoverage {
       fixed_point;  ///< The solution of the paper's (9) for this area, if asked for.
 };
 
+/// What the groups cover of the surface, by group and in all.
 struct CoverageReport {
   double area = 0;                ///< A, unit^2.
   bool area_from_column = false;  ///< Sum of `area`; otherwise (7) over all splats: their union.

@@ -17,6 +17,7 @@ inline constexpr std::size_t kMostGroupedAtOnce = std::size_t{1} << 18;
 /// Surfels of a block that group_by_blocks() divides into groups at a time, at most.
 inline constexpr std::size_t kGroupBlock = std::size_t{1} << 16;
 
+/// Size of the blocks of group_by_blocks(), and where finished ones are kept.
 struct GroupBlockOptions {
   std::size_t most = kGroupBlock;      ///< Surfels of a block, >= 1.
   Checkpoints* checkpoints = nullptr;  ///< Keeps the blocks that are finished; null: none.

@@ -23,6 +23,7 @@ class SURFEL_API DiscSurface {
   /// Discs that do not cover their own Voronoi cell: the surface ends at them, or has a hole.
   std::size_t border_count() const { return border_.size(); }
 
+  /// What restrict_cell() has done to a cell.
   struct Restriction {
     bool cut = false;  ///< Whether the surface ends within the cell.
     double reach = 0;  ///< Largest distance of the surface from the disc's centre, scene units.

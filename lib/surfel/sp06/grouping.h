@@ -15,6 +15,7 @@
 
 namespace surfel {
 
+/// How many groups there are, and how they are chosen.
 struct GroupingOptions {
   OverlapOptions overlap{};
   ColoringOrder order = ColoringOrder::kLargestFirst;
@@ -24,6 +25,7 @@ struct GroupingOptions {
   SURFEL_API std::vector<std::string> problems() const;
 };
 
+/// The groups that were made, and the graph of overlaps that they come from.
 struct GroupingReport {
   std::size_t splats = 0;
   std::size_t unusable = 0;  ///< Position not finite or variance not positive: in group 0.

@@ -14,6 +14,7 @@ namespace surfel {
 /// Area of the lens that two discs in one plane share, unit^2; radii >= 0.
 SURFEL_API double lens_area(double radius_a, double radius_b, double distance);
 
+/// How much the splats of the groups overlap.
 struct LeastOverlapReport {
   double disc_area = 0;  ///< Sum of the areas of all discs, unit^2.
   /// Sum of the lens areas within groups, unit^2, after the first placement ...

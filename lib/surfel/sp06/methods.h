@@ -33,6 +33,7 @@ enum class LayersBy : std::uint8_t {
   kGroup,
 };
 
+/// Options of the methods that draw by groups, or layer by layer.
 struct MethodOptions {
   Voronoi voronoi = Voronoi::kWindowed;  ///< Rule of the methods with groups.
   LayersBy layers_by = LayersBy::kSurface;

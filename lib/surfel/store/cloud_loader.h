@@ -32,6 +32,7 @@ enum class LevelShare : std::uint8_t {
   kPart,   ///< Each a part of the tree, whose surfels it alone reads.
 };
 
+/// What is kept of a file for drawing, and in how much memory.
 struct CloudLoadOptions {
   RenderColumns columns = {};  ///< Columns that the compositing method reads.
   /// Bytes that the surfels and a picture's splats, tiles and A-buffers may take. Surfels that do

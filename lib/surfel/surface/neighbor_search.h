@@ -21,6 +21,7 @@ enum class SearchMethod : std::uint8_t {
   kFlannApproximate
 };
 
+/// A point that was found, and how far it is.
 struct Neighbor {
   std::uint32_t index;
   float distance2;  ///< Squared distance to the query, unit^2.

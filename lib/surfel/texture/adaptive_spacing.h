@@ -15,6 +15,7 @@
 
 namespace surfel {
 
+/// Goal and limits of adaptive_spacing().
 struct SURFEL_API AdaptiveSpacingOptions {
   /// Root mean square over the surface of the error of colour (per channel, linear light, 0 to 1)
   /// and of shape (distance / unit_deviation) together, > 0. Either max_error or count is set.

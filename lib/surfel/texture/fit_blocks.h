@@ -39,6 +39,7 @@ SURFEL_API std::string state_of(const TextureFitReport& report);
 /// None where the state is of something else.
 SURFEL_API std::optional<TextureFitReport> kept_report(const std::string& state);
 
+/// How a fit is divided into blocks.
 struct FitBlockOptions {
   std::size_t most = std::size_t{1} << 17;  ///< Surfels of a block, >= 1.
   /// Width of the halo, in reaches of kernels: sqrt(2 c V), c being the cutoff of kRender, and 1

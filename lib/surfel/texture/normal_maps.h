@@ -20,6 +20,7 @@ enum class ReliefKind : std::uint8_t {
   kHeights,  ///< Heights above the surface (Blinn, "Simulation of wrinkled surfaces", 1978).
 };
 
+/// Maps that bend the surface's normals, and how they are read.
 struct SURFEL_API NormalMapOptions {
   /// Image of normals in tangent space for all surfels, 0 and 1 standing for -1 and 1; empty: by
   /// the mesh's materials.

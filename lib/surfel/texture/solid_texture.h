@@ -21,6 +21,7 @@ enum class SolidPattern {
   kWood,     ///< Year rings about an axis along y beside the block's centre, with fibres.
 };
 
+/// Pattern, size and colours of a texture that fills space.
 struct SURFEL_API SolidTextureOptions {
   SolidPattern pattern = SolidPattern::kMarble;
   /// Features along the diagonal of the bounds, 0.01 to 1e6: a feature is a cube of the checker, a

@@ -58,6 +58,7 @@ struct FittedPart {
   bool owns(std::size_t surfel) const { return surfel >= begin && surfel < end; }
 };
 
+/// How fit_texture() finds coefficients.
 struct SURFEL_API TextureFitOptions {
   TextureFitKind kind = TextureFitKind::kEwa;
   /// Standard deviation of the texture's reconstruction kernel n, texels, 0.25 to 16. SS01: 1.

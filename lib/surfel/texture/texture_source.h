@@ -35,6 +35,7 @@ SURFEL_API std::vector<std::string> leave_out_missing_images(TriangleMesh& mesh,
 /// The files among the images that the mesh's materials name.
 SURFEL_API std::vector<std::string> image_files(const TriangleMesh& mesh);
 
+/// Where the texture comes from, and how it is repeated.
 struct TextureSourceOptions {
   /// Image for all surfels; empty = the images that the mesh's materials name.
   std::string image{};

@@ -16,6 +16,7 @@ enum class ImageEncoding {
   kLinear  ///< Linear light, as it is.
 };
 
+/// What image_error() compares: encoding, background, part of the picture.
 struct ImageErrorOptions {
   ImageEncoding encoding = ImageEncoding::kSrgb;
   /// The background that both pictures are laid over, linear R G B and straight alpha, each finite.

@@ -17,6 +17,7 @@
 
 namespace surfel {
 
+/// Rays, filter and light of a MeshRenderer.
 struct MeshRenderOptions {
   int samples = 16;    ///< n: n x n rays a pixel, 1..64.
   double lowpass = 1;  ///< Standard deviation of the Gaussian pixel filter, pixels, 0..16; 0: the

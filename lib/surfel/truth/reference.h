@@ -19,6 +19,7 @@
 
 namespace surfel {
 
+/// Rays that a ReferenceRenderer casts.
 struct ReferenceOptions {
   int samples = 16;  ///< n: n x n rays a pixel, 1..64.
 

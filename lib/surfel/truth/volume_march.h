@@ -8,6 +8,7 @@
 
 namespace surfel {
 
+/// Steps and rays of march_volume().
 struct VolumeMarchOptions {
   double step = 0.25;       ///< Between samples along a ray, mean edges of a voxel, > 0.
   double lowpass = 0.5477;  ///< Standard deviation of the pixel filter, pixels, >= 0.

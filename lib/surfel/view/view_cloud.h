@@ -15,6 +15,7 @@
 
 namespace surfel {
 
+/// Memory of a ViewCloud, and the attribute that its surfels have.
 struct ViewCloudOptions {
   /// Bytes that the surfels may take; unset: see CloudLoadOptions::memory. Files with levels of
   /// detail are streamed whatever it is.

@@ -11,6 +11,7 @@
 
 namespace surfel {
 
+/// How close gaussians_of_volume() comes to the volume, and its light.
 struct GaussiansOfVolumeOptions {
   /// Standard deviation of the Gaussians across the gradient, edges of a voxel, 0.4..2: sums of
   /// kernels ripple by 8 % at 0.4, 1.4 % at 0.5 and 0.2 % at 0.6 along an axis, and larger ones
