@@ -48,6 +48,7 @@ def read_points(
     level: of COPC the points of this level and the coarser ones; None: all.
     bounds: lowest and highest corner of a box, world coordinates: the points inside alone.
     columns: names of the columns of a text file, "-" for one to be left out.
+    progress, threads: as estimate() has them.
 
     Of a file with levels of detail the finest is read. Raises InputError, FileError, UsageError.
     """

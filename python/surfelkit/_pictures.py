@@ -126,6 +126,7 @@ def frame(
     """A camera that sees all. What is not given is chosen as surfel-render chooses it: which way
     is up and where the front is are guessed (docs/views.md).
 
+    source: what is to be seen; of files of surfels their name.
     size: (width, height) or one number for both, pixels.
     eye: place in world coordinates; None: so far in the direction that all is seen.
     target: the point that is looked at; None: the middle.
