@@ -13,7 +13,7 @@ def main(points: str, picture: str) -> None:
     # What a surfel's normal rests on may be doubtful: those of no confidence are left out.
     trusted = surfels[surfels.columns["confidence"] > 0]
     print(f"{len(trusted)} of {len(surfels)} surfels have a normal, "
-          f"{np.sqrt(np.median(trusted.area)):.3g} apart")
+          f"{np.sqrt(np.median(trusted.columns['area'])):.3g} apart")
     surfelkit.write(picture, surfelkit.render(trusted, size=(640, 480), cutoff=2))
 
 

@@ -6,9 +6,11 @@ import os
 from typing import Any, Callable, Optional, Sequence, Union
 
 import numpy as np
+from numpy.typing import NDArray
 
 Path = Union[str, "os.PathLike[str]"]
-Vector = Union[Sequence[float], np.ndarray]
+Array = NDArray[Any]
+Vector = Union[Sequence[float], Array]
 Size = Union[int, Sequence[int]]
 Progress = Optional[Callable[[str, float], None]]
 

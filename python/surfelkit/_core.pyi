@@ -1,7 +1,7 @@
 """The compiled part. Names that begin with an underscore, and functions that take options as a
 dict, are the package's own."""
 
-from typing import Any, Optional, Sequence
+from typing import Any, Generic, Optional, Sequence, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
@@ -15,6 +15,14 @@ Floats = NDArray[np.float32]
 Options = dict[str, Any]
 Threads = Optional[int]
 Point = tuple[float, float, float]
+Values = TypeVar("Values")
+
+class _Column(Generic[Values]):
+    """An attribute that is a view, and takes any array."""
+
+    def __get__(self, owner: Any, kind: Any = None) -> Values: ...
+    def __set__(self, owner: Any, values: ArrayLike | None) -> None: ...
+
 
 class Error(Exception): ...
 class UsageError(Error, ValueError): ...
@@ -23,31 +31,31 @@ class FileError(Error, OSError): ...
 class NumericError(Error, ArithmeticError): ...
 
 class SurfelCloud:
-    positions: Floats
-    normals: Floats | None
-    shading_normals: Floats | None
-    variance: Floats | None
-    tangents: Floats | None
-    variance_u: Floats | None
-    variance_v: Floats | None
-    area: Floats | None
-    clip1: Floats | None
-    clip1_distance: Floats | None
-    clip2: Floats | None
-    clip2_distance: Floats | None
-    colors: Floats | None
-    alpha: Floats | None
-    coefficients: Floats | None
-    uv: Floats | None
-    dpdu: Floats | None
-    dpdv: Floats | None
-    material: NDArray[np.uint16] | None
-    group: NDArray[np.uint16] | None
-    group_radius: Floats | None
-    source: NDArray[np.uint32] | None
-    level: NDArray[np.uint8] | None
-    up: Point | None
-    viewpoint: Point | None
+    positions: _Column[Floats]
+    normals: _Column[Floats | None]
+    shading_normals: _Column[Floats | None]
+    variance: _Column[Floats | None]
+    tangents: _Column[Floats | None]
+    variance_u: _Column[Floats | None]
+    variance_v: _Column[Floats | None]
+    area: _Column[Floats | None]
+    clip1: _Column[Floats | None]
+    clip1_distance: _Column[Floats | None]
+    clip2: _Column[Floats | None]
+    clip2_distance: _Column[Floats | None]
+    colors: _Column[Floats | None]
+    alpha: _Column[Floats | None]
+    coefficients: _Column[Floats | None]
+    uv: _Column[Floats | None]
+    dpdu: _Column[Floats | None]
+    dpdv: _Column[Floats | None]
+    material: _Column[NDArray[np.uint16] | None]
+    group: _Column[NDArray[np.uint16] | None]
+    group_radius: _Column[Floats | None]
+    source: _Column[NDArray[np.uint32] | None]
+    level: _Column[NDArray[np.uint8] | None]
+    up: Sequence[float] | None
+    viewpoint: Sequence[float] | None
     color_light: str | None
     provenance: list[str]
     comments: list[str]
@@ -77,12 +85,12 @@ class SurfelCloud:
     def _remove_column(self, name: str) -> None: ...
 
 class TriangleMesh:
-    vertices: Floats
-    triangles: NDArray[np.uint32]
-    vertex_colors: Floats | None
-    triangle_uvs: Floats | None
-    triangle_normals: Floats | None
-    triangle_material_ids: NDArray[np.uint16] | None
+    vertices: _Column[Floats]
+    triangles: _Column[NDArray[np.uint32]]
+    vertex_colors: _Column[Floats | None]
+    triangle_uvs: _Column[Floats | None]
+    triangle_normals: _Column[Floats | None]
+    triangle_material_ids: _Column[NDArray[np.uint16] | None]
     @staticmethod
     def from_arrays(
         vertices: ArrayLike,
@@ -101,10 +109,10 @@ class TriangleMesh:
     def notes(self) -> list[str]: ...
 
 class GaussianCloud:
-    positions: Floats
-    scales: Floats
-    rotations: Floats
-    opacities: Floats
+    positions: _Column[Floats]
+    scales: _Column[Floats]
+    rotations: _Column[Floats]
+    opacities: _Column[Floats]
     @staticmethod
     def from_arrays(
         positions: ArrayLike,

@@ -8,7 +8,7 @@ from typing import Mapping, Sequence
 import numpy as np
 
 from . import _core
-from ._arguments import Path, Progress, Vector
+from ._arguments import Array, Path, Progress, Vector
 from ._core import GaussianCloud, Image, SurfelCloud, TriangleMesh
 
 
@@ -78,7 +78,7 @@ def read_image(path: Path, *, raw: bool = False) -> Image:
 
 def write(
     path: Path,
-    data: SurfelCloud | TriangleMesh | GaussianCloud | Image | np.ndarray,
+    data: SurfelCloud | TriangleMesh | GaussianCloud | Image | Array,
     *,
     ascii: bool = False,
     metadata: Mapping[str, str] | None = None,

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from . import _core
-from ._arguments import Path, Progress, Size, Vector, options_of
+from ._arguments import Array, Path, Progress, Size, Vector, options_of
 from ._core import Camera, GaussianCloud, Image, SurfelCloud
 
 _VIEW = _core.view_defaults()
@@ -74,7 +74,9 @@ class Renderer:
         threads: int | None = None,
     ) -> None:
         options = options_of(locals(), _RENDER)
-        surfels = source if isinstance(source, SurfelCloud) else os.fsencode(source)
+        surfels: SurfelCloud | bytes = (
+            source if isinstance(source, SurfelCloud) else os.fsencode(source)
+        )
         name = None if scene is None else os.fsencode(scene)
         self._renderer = _core.Renderer(surfels, name, options, progress, threads)
 
@@ -226,7 +228,7 @@ def render_gaussians(
 ) -> Image:
     """A picture of Gaussians in space, with the bytes that surfel-render makes.
 
-    camera, size ... frame_all: as render() has them.
+    camera, size ... frame_all: as render() and frame() have them.
     profile: whose picture: "inria", "gsplat", "mip", "2dgs", "exact" or "surfel"; None: as the file
         says, else "inria" (docs/gaussians.md).
     lowpass: standard deviation of the pixel filter of "exact" and "surfel", pixels.
@@ -264,8 +266,8 @@ class Comparison(NamedTuple):
 
 
 def compare(
-    tested: Image | np.ndarray,
-    truth: Image | np.ndarray,
+    tested: Image | Array,
+    truth: Image | Array,
     *,
     encoding: str = _COMPARE["encoding"],
     background: Vector = tuple(_COMPARE["background"]),
@@ -286,8 +288,8 @@ def compare(
 
 
 def difference(
-    tested: Image | np.ndarray,
-    truth: Image | np.ndarray,
+    tested: Image | Array,
+    truth: Image | Array,
     *,
     encoding: str = _COMPARE["encoding"],
     background: Vector = tuple(_COMPARE["background"]),

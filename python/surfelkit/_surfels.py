@@ -5,10 +5,10 @@ from __future__ import annotations
 import os
 from typing import Any, Iterator, MutableMapping
 
-import numpy as np
+from numpy.typing import ArrayLike
 
 from . import _core
-from ._arguments import Path, Progress, Vector, options_of
+from ._arguments import Array, Path, Progress, Vector, options_of
 from ._core import Image, SurfelCloud, TriangleMesh
 
 _ESTIMATE = _core.estimate_defaults()
@@ -16,7 +16,7 @@ _SAMPLE = _core.sample_defaults()
 _FIT = _core.fit_defaults()
 
 
-class Columns(MutableMapping[str, np.ndarray]):
+class Columns(MutableMapping[str, Array]):
     """The numbers of a cloud by the names that files have (docs/format.md).
 
     Values are views (N,) of the cloud's memory; red, green and blue are linear light. Assigning
@@ -27,10 +27,10 @@ class Columns(MutableMapping[str, np.ndarray]):
     def __init__(self, cloud: SurfelCloud) -> None:
         self._cloud = cloud
 
-    def __getitem__(self, name: str) -> np.ndarray:
+    def __getitem__(self, name: str) -> Array:
         return self._cloud._column(name)
 
-    def __setitem__(self, name: str, values: np.ndarray) -> None:
+    def __setitem__(self, name: str, values: ArrayLike) -> None:
         self._cloud._set_column(name, values)
 
     def __delitem__(self, name: str) -> None:
@@ -155,7 +155,7 @@ def sample(
 
 def fit_texture(
     cloud: SurfelCloud,
-    image: Path | Image | np.ndarray | None = None,
+    image: Path | Image | Array | None = None,
     mesh: TriangleMesh | None = None,
     *,
     fit: str = _FIT["fit"],

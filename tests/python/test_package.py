@@ -36,9 +36,12 @@ def members_of(thing):
 
 def test_the_stub_has_the_names_of_the_module():
     own = {"__name__", "__package__", "__loader__", "__spec__", "__file__"}
-    assert names_of(stub()) == members_of(_core) - own
+    types_alone = {"_Column"}
+    assert names_of(stub()) - types_alone == members_of(_core) - own
     for node in stub():
-        if isinstance(node, ast.ClassDef) and not issubclass(getattr(_core, node.name), Exception):
+        if not isinstance(node, ast.ClassDef) or node.name in types_alone:
+            continue
+        if not issubclass(getattr(_core, node.name), Exception):
             assert names_of(node.body) - {"__init__"} == members_of(getattr(_core, node.name)), (
                 node.name
             )
