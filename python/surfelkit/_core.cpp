@@ -1,7 +1,5 @@
 // The module: exceptions, calls that let go of the interpreter, threads, options.
 
-#include "_core.h"
-
 #include <algorithm>
 #include <array>
 #include <chrono>
@@ -11,9 +9,12 @@
 #include <stdexcept>
 #include <thread>
 
+#include <surfel/base/color.h>
 #include <surfel/base/parallel.h>
 #include <surfel/base/progress.h>
 #include <surfel/base/version.h>
+
+#include "_columns.h"
 
 namespace surfel::python {
 namespace {
@@ -352,10 +353,13 @@ std::string shape_text(const std::vector<py::ssize_t>& shape) {
   return "(" + text + (shape.size() == 1 ? ",)" : ")");
 }
 
+py::array as_array(const py::object& given) {
+  return py::module_::import("numpy").attr("asarray")(given);
+}
+
 py::array values_of(const py::object& given, const py::dtype& type,
                     const std::vector<py::ssize_t>& shape, const std::string& name) {
-  const py::module_ numpy = py::module_::import("numpy");
-  const py::array array = numpy.attr("asarray")(given);
+  const py::array array = as_array(given);
   const char kind = array.dtype().kind();
   const bool whole = kind == 'i' || kind == 'u' || kind == 'b';
   const bool to_whole = type.kind() != 'f';
@@ -374,7 +378,7 @@ py::array values_of(const py::object& given, const py::dtype& type,
                         shape_text(shape));
   }
   if (to_whole && array.size() > 0) {
-    const py::object limits = numpy.attr("iinfo")(type);
+    const py::object limits = py::module_::import("numpy").attr("iinfo")(type);
     const py::object least = array.attr("min")().attr("item")();
     const py::object most = array.attr("max")().attr("item")();
     if (least < limits.attr("min") || most > limits.attr("max")) {
@@ -386,6 +390,46 @@ py::array values_of(const py::object& given, const py::dtype& type,
   return array.attr("astype")(type, "C");
 }
 
+py::array linear_colors(const py::object& given, const std::vector<py::ssize_t>& shape,
+                        const std::string& name) {
+  const py::array array = as_array(given);
+  const py::dtype type = array.dtype();
+  const bool coded = type.kind() == 'u' && type.itemsize() <= 2;
+  if (!coded && type.kind() != 'f') {
+    throw_input("", "`" + name + "` has the type " + text_of(type) +
+                        "; give floats, which are linear light, or sRGB codes as uint8 or uint16");
+  }
+  if (!coded) return values_of(given, py::dtype::of<float>(), shape, name);
+  const py::array codes = values_of(given, type, shape, name);
+  const std::vector<py::ssize_t> sides(codes.shape(), codes.shape() + codes.ndim());
+  py::array_t<float> out(sides);
+  float* const to = out.mutable_data();
+  const auto size = static_cast<std::size_t>(codes.size());
+  if (type.itemsize() == 1) {
+    const auto* const from = static_cast<const std::uint8_t*>(codes.data());
+    std::transform(from, from + size, to, srgb8_to_linear);
+  } else {
+    const auto* const from = static_cast<const std::uint16_t*>(codes.data());
+    std::transform(from, from + size, to, srgb16_to_linear);
+  }
+  return out;
+}
+
+Array<std::uint32_t> rows_chosen(const py::object& key, std::size_t rows) {
+  const py::module_ numpy = py::module_::import("numpy");
+  const py::object chosen = numpy.attr("arange")(rows, py::arg("dtype") = "uint32")[key];
+  const py::array array = numpy.attr("ascontiguousarray")(chosen);
+  if (!py::isinstance<py::array>(chosen) || py::array(chosen).ndim() != 1) {
+    throw py::type_error("parts of clouds are chosen by a slice, a mask or an array of indices");
+  }
+  const auto* const data = static_cast<const std::uint32_t*>(array.data());
+  return {data, data + array.size()};
+}
+
+py::object tuple_of(const std::optional<Vec3d>& v) {
+  if (!v) return py::none();
+  return py::make_tuple(v->x(), v->y(), v->z());
+}
 }  // namespace surfel::python
 
 PYBIND11_MODULE(_core, module) {
@@ -394,7 +438,10 @@ PYBIND11_MODULE(_core, module) {
   bind_exceptions(module);
   surfel::set_progress_observer(&stages());
   bind_threads(module);
-  bind_clouds(module);
+  bind_surfels(module);
+  bind_meshes(module);
+  bind_gaussians(module);
   bind_pictures(module);
+  bind_files(module);
   bind_work(module);
 }

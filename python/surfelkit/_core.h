@@ -171,10 +171,23 @@ class Options {
   std::vector<std::string> changed_;  ///< Names whose values are others than the defaults.
 };
 
+/// The options of a struct with their defaults.
+/// \param visit  visits the members.
+template <class T>
+py::dict defaults(void (*visit)(Options&, T&)) {
+  T arguments{};
+  Options list;
+  visit(list, arguments);
+  return list.listed();
+}
+
 /// Calls the library with names of its fields for names of arguments: where both differ, usage
 /// errors name the argument.
 void with_names(const std::vector<std::pair<std::string, std::string>>& names,
                 const std::function<void()>& work);
+
+/// numpy.asarray().
+py::array as_array(const py::object& given);
 
 /// Values of an array as C order of a type, in memory of its own. Floating-point types take any
 /// real numbers, integers only whole numbers that fit. `name` is the argument's, for messages.
@@ -197,7 +210,10 @@ GaussianCloud& ready(HeldGaussians& held);
 py::array linear_colors(const py::object& given, const std::vector<py::ssize_t>& shape,
                         const std::string& name);
 
-void bind_clouds(py::module_& module);
+void bind_surfels(py::module_& module);
+void bind_meshes(py::module_& module);
+void bind_gaussians(py::module_& module);
+void bind_files(py::module_& module);
 void bind_pictures(py::module_& module);
 void bind_work(py::module_& module);
 

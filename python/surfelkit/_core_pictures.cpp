@@ -10,7 +10,6 @@
 #include <surfel/base/color.h>
 #include <surfel/gaussian/gaussian_extent.h>
 #include <surfel/gaussian/gaussian_renderer.h>
-#include <surfel/io/image_io.h>
 #include <surfel/io/scene_file.h>
 #include <surfel/measure/view_guess.h>
 #include <surfel/render/environment_map.h>
@@ -138,8 +137,6 @@ void bind_camera(py::module_& module) {
 
 // Pictures.
 
-using HeldPicture = std::shared_ptr<Picture>;
-
 py::array channels_of(const HeldPicture& picture, std::size_t first, std::size_t count) {
   Image& image = picture->image;
   const auto all = static_cast<py::ssize_t>(image.channels.size() * sizeof(float));
@@ -160,18 +157,32 @@ std::optional<std::size_t> place_of(const Picture& picture, const std::string& c
   return static_cast<std::size_t>(found - names.begin());
 }
 
-/// One channel (count 0), or so many from it on; None where the picture has none of that name.
-py::object channel_or_none(const HeldPicture& picture, const std::string& name,
-                           std::size_t count = 0) {
+/// The channel of that name; None where the picture has none.
+py::object channel_or_none(const HeldPicture& picture, const std::string& name) {
   const std::optional<std::size_t> place = place_of(*picture, name);
-  if (!place || *place + count > picture->image.channels.size()) return py::none();
-  return channels_of(picture, *place, count);
+  return place ? py::object(channels_of(picture, *place, 0)) : py::none();
+}
+
+/// Channels that follow one another in this order, or None.
+py::object vectors_or_none(const HeldPicture& picture, const std::vector<std::string>& names) {
+  const std::optional<std::size_t> place = place_of(*picture, names.front());
+  const auto& all = picture->image.channels;
+  if (!place || *place + names.size() > all.size()) return py::none();
+  const bool follow =
+      std::equal(names.begin(), names.end(), all.begin() + static_cast<std::ptrdiff_t>(*place));
+  return follow ? py::object(channels_of(picture, *place, names.size())) : py::none();
+}
+
+py::object rgba_of(const HeldPicture& picture) {
+  const py::object rgba = vectors_or_none(picture, {"R", "G", "B", "A"});
+  if (rgba.is_none()) throw_input("", "the image has no channels R, G, B and A in this order");
+  return rgba;
 }
 
 /// R G B A, linear, of an array (H, W), (H, W, 3) or (H, W, 4): floats as they are, or codes,
 /// whose alpha is straight.
 Image image_of(const py::object& given, bool premultiply) {
-  const py::array array = py::module_::import("numpy").attr("asarray")(given);
+  const py::array array = as_array(given);
   const py::ssize_t channels = array.ndim() == 2 ? 1 : array.ndim() == 3 ? array.shape(2) : 0;
   if (channels != 1 && channels != 3 && channels != 4) {
     throw_input("", "an image has the shape " +
@@ -208,11 +219,6 @@ Image image_of(const py::object& given, bool premultiply) {
   return image;
 }
 
-HeldPicture picture_of(const py::object& given) {
-  if (py::isinstance<Picture>(given)) return given.cast<HeldPicture>();
-  return std::make_shared<Picture>(Picture{image_of(given, true), std::nullopt});
-}
-
 py::array codes_of(const Picture& picture) {
   const Image& image = picture.image;
   const std::optional<std::size_t> red = place_of(picture, "R");
@@ -232,8 +238,8 @@ py::array codes_of(const Picture& picture) {
 }
 
 void bind_image(py::module_& module) {
-  const auto view = [](const char* name, std::size_t count) {
-    return [name, count](const HeldPicture& self) { return channel_or_none(self, name, count); };
+  const auto view = [](const char* name) {
+    return [name](const HeldPicture& self) { return channel_or_none(self, name); };
   };
   py::class_<Picture, HeldPicture>(
       module, "Image",
@@ -254,16 +260,20 @@ void bind_image(py::module_& module) {
           "data",
           [](const HeldPicture& self) { return channels_of(self, 0, self->image.channels.size()); },
           "float32 (H, W, C): all channels.")
-      .def_property_readonly("rgba", view("R", 4), "float32 (H, W, 4): R G B A.")
+      .def_property_readonly("rgba", &rgba_of, "float32 (H, W, 4): R G B A.")
       .def_property_readonly(
-          "depth", view("Z", 0),
+          "depth", view("Z"),
           "float32 (H, W): depth along the view where opacity passes one half, scene units;\n"
           "infinity where it never does. None: not drawn.")
-      .def_property_readonly("first_depth", view("Z.first", 0),
+      .def_property_readonly("first_depth", view("Z.first"),
                              "float32 (H, W): depth of the nearest surface, or None.")
-      .def_property_readonly("normals", view("N.X", 3),
-                             "float32 (H, W, 3): normals in world axes, or None.")
-      .def_property_readonly("weight", view("weight", 0),
+      .def_property_readonly(
+          "normals",
+          [](const HeldPicture& self) {
+            return vectors_or_none(self, {"N.X", "N.Y", "N.Z"});
+          },
+          "float32 (H, W, 3): normals in world axes, or None.")
+      .def_property_readonly("weight", view("weight"),
                              "float32 (H, W): sum of the kernels of the nearest surface, or None.")
       .def_property_readonly(
           "camera",
@@ -285,7 +295,7 @@ void bind_image(py::module_& module) {
       .def(
           "__array__",
           [](const HeldPicture& self, const py::object& dtype) -> py::object {
-            const py::object rgba = channel_or_none(self, "R", 4);
+            const py::object rgba = rgba_of(self);
             return dtype.is_none() ? rgba : rgba.attr("astype")(dtype);
           },
           py::arg("dtype") = py::none())
@@ -295,22 +305,6 @@ void bind_image(py::module_& module) {
         for (const std::string& channel : self.image.channels) text += " " + channel;
         return text + ">";
       });
-  module.def("read_image", [](const std::string& path, bool raw) {
-    return std::make_shared<Picture>(
-        Picture{made([&] { return raw ? read_image(path, true) : read_premultiplied_image(path); }),
-                std::nullopt});
-  });
-  module.def("write_image",
-             [](const std::string& path, const py::object& image,
-                std::vector<std::pair<std::string, std::string>> metadata, bool no_clobber) {
-               const HeldPicture picture = picture_of(image);
-               ImageWriteOptions options;
-               options.no_clobber = no_clobber;
-               options.metadata = std::move(metadata);
-               if (picture->camera)
-                 options.world_to_camera = world_to_camera_matrix(*picture->camera);
-               run([&] { write_image(picture->image, path, options); });
-             });
 }
 
 // Renderers.
@@ -567,14 +561,6 @@ py::dict compare(const py::object& tested, const py::object& truth, const py::di
   return figures;
 }
 
-template <class T>
-py::dict defaults() {
-  T arguments{};
-  Options list;
-  visit(list, arguments);
-  return list.listed();
-}
-
 void bind_renderers(py::module_& module) {
   py::class_<SurfelRenderer, std::shared_ptr<SurfelRenderer>>(module, "Renderer")
       .def(py::init([](const py::object& source, const std::optional<std::string>& scene,
@@ -604,13 +590,18 @@ void bind_renderers(py::module_& module) {
     return std::make_shared<Picture>(Picture{
         made([&] { return difference_image(a->image, b->image, options, scale); }), std::nullopt});
   });
-  module.def("view_defaults", &defaults<ViewArguments>);
-  module.def("render_defaults", &defaults<RenderArguments>);
-  module.def("gaussian_defaults", &defaults<GaussianArguments>);
-  module.def("compare_defaults", &defaults<ImageErrorOptions>);
+  module.def("view_defaults", [] { return defaults<ViewArguments>(&visit); });
+  module.def("render_defaults", [] { return defaults<RenderArguments>(&visit); });
+  module.def("gaussian_defaults", [] { return defaults<GaussianArguments>(&visit); });
+  module.def("compare_defaults", [] { return defaults<ImageErrorOptions>(&visit); });
 }
 
 }  // namespace
+
+HeldPicture picture_of(const py::object& given) {
+  if (py::isinstance<Picture>(given)) return given.cast<HeldPicture>();
+  return std::make_shared<Picture>(Picture{image_of(given, true), std::nullopt});
+}
 
 Image texture_image(const py::object& given) {
   if (!py::isinstance<Picture>(given)) return image_of(given, false);

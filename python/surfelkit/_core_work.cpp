@@ -15,6 +15,15 @@
 namespace surfel::python {
 namespace {
 
+const Choices<Orientation> kOrientations{{"auto", Orientation::kAuto},
+                                         {"winding", Orientation::kWinding},
+                                         {"mst", Orientation::kMst},
+                                         {"outward", Orientation::kOutward},
+                                         {"viewpoint", Orientation::kViewpoint},
+                                         {"up", Orientation::kUp},
+                                         {"align", Orientation::kAlign},
+                                         {"none", Orientation::kNone}};
+
 struct EstimateArguments {
   EstimateOptions options;
   std::optional<Vec3d> viewpoint;
@@ -39,15 +48,7 @@ void visit(Options& o, EstimateArguments& a) {
     {{"exact", SearchMethod::kExact},
      {"flann", SearchMethod::kFlann},
      {"flann-approx", SearchMethod::kFlannApproximate}});
-  o("orient", a.options.orientation.method,
-    {{"auto", Orientation::kAuto},
-     {"winding", Orientation::kWinding},
-     {"mst", Orientation::kMst},
-     {"outward", Orientation::kOutward},
-     {"viewpoint", Orientation::kViewpoint},
-     {"up", Orientation::kUp},
-     {"align", Orientation::kAlign},
-     {"none", Orientation::kNone}});
+  o("orient", a.options.orientation.method, kOrientations);
   o("viewpoint", a.viewpoint);
   o("up", a.options.orientation.up);
   o("variance", a.options.size.rule,
@@ -89,28 +90,6 @@ EstimateOptions complete(const Options& taken, EstimateArguments& a, const Surfe
   return o;
 }
 
-const char* name_of(Orientation method) {
-  switch (method) {
-    case Orientation::kAuto:
-      return "auto";
-    case Orientation::kWinding:
-      return "winding";
-    case Orientation::kMst:
-      return "mst";
-    case Orientation::kOutward:
-      return "outward";
-    case Orientation::kViewpoint:
-      return "viewpoint";
-    case Orientation::kUp:
-      return "up";
-    case Orientation::kAlign:
-      return "align";
-    case Orientation::kNone:
-      break;
-  }
-  return "none";
-}
-
 py::tuple estimate(HeldCloud& held, const py::dict& given, const Call& call) {
   const SurfelCloud& cloud = ready(held);
   EstimateArguments arguments;
@@ -136,7 +115,9 @@ py::tuple estimate(HeldCloud& held, const py::dict& given, const Call& call) {
   figures["averaged"] = report.averaged;
   figures["voxel"] = report.voxel_edge;
   figures["unknown_normals"] = report.orientation.unknown;
-  figures["orient"] = name_of(report.orientation.method);
+  for (const auto& [name, method] : kOrientations) {
+    if (method == report.orientation.method) figures["orient"] = name;
+  }
   figures["side_confidence"] = report.side_confidence;
   figures["noise"] = report.noise;
   figures["border"] = report.border;
@@ -317,40 +298,29 @@ py::tuple fit_colors(HeldCloud& held, const py::dict& given, const Call& call) {
   return py::make_tuple(fitted, figures_of(report));
 }
 
-template <class T>
-py::dict defaults() {
-  T arguments;
-  Options list;
-  visit(list, arguments);
-  return list.listed();
-}
-
 }  // namespace
 
 void bind_work(py::module_& module) {
-  const auto call = [](const py::object& progress, std::optional<int> threads) {
-    return Call{progress, threads};
-  };
-  module.def("estimate", [call](HeldCloud& cloud, const py::dict& given, const py::object& progress,
-                                std::optional<int> threads) {
-    return estimate(cloud, given, call(progress, threads));
+  module.def("estimate", [](HeldCloud& cloud, const py::dict& given, const py::object& progress,
+                            std::optional<int> threads) {
+    return estimate(cloud, given, {progress, threads});
   });
-  module.def("sample", [call](HeldMesh& mesh, const py::dict& given, const py::object& progress,
-                              std::optional<int> threads) {
-    return sample(mesh, given, call(progress, threads));
+  module.def("sample", [](HeldMesh& mesh, const py::dict& given, const py::object& progress,
+                          std::optional<int> threads) {
+    return sample(mesh, given, {progress, threads});
   });
   module.def("fit_texture",
-             [call](HeldCloud& cloud, const py::object& image, HeldMesh* mesh,
-                    const py::dict& given, const py::object& progress, std::optional<int> threads) {
-               return fit_texture(cloud, image, mesh, given, call(progress, threads));
+             [](HeldCloud& cloud, const py::object& image, HeldMesh* mesh, const py::dict& given,
+                const py::object& progress, std::optional<int> threads) {
+               return fit_texture(cloud, image, mesh, given, {progress, threads});
              });
-  module.def("fit_colors", [call](HeldCloud& cloud, const py::dict& given,
-                                  const py::object& progress, std::optional<int> threads) {
-    return fit_colors(cloud, given, call(progress, threads));
+  module.def("fit_colors", [](HeldCloud& cloud, const py::dict& given, const py::object& progress,
+                              std::optional<int> threads) {
+    return fit_colors(cloud, given, {progress, threads});
   });
-  module.def("estimate_defaults", &defaults<EstimateArguments>);
-  module.def("sample_defaults", &defaults<MeshSampleOptions>);
-  module.def("fit_defaults", &defaults<FitArguments>);
+  module.def("estimate_defaults", [] { return defaults<EstimateArguments>(&visit); });
+  module.def("sample_defaults", [] { return defaults<MeshSampleOptions>(&visit); });
+  module.def("fit_defaults", [] { return defaults<FitArguments>(&visit); });
 }
 
 }  // namespace surfel::python

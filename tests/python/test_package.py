@@ -94,14 +94,17 @@ def test_defaults_are_the_librarys():
 
 
 def test_the_page_runs(source, tmp_path, monkeypatch):
-    """The blocks of docs/python.md, one after another in an empty folder beside the samples."""
+    """The blocks of README.md and docs/python.md, one after another, beside the samples."""
     monkeypatch.chdir(tmp_path)
     os.symlink(source / "samples", "samples")
-    blocks = re.findall(r"^```python\n(.*?)^```", (source / "docs/python.md").read_text(), re.M | re.S)
-    assert len(blocks) >= 5
+    section = (source / "README.md").read_text().split("\n## Python\n")[1].split("\n## ")[0]
+    blocks = ["\n".join(re.findall(r"^    (.*)$", section, re.M))]
+    page = (source / "docs/python.md").read_text()
+    blocks += re.findall(r"^```python\n(.*?)^```", page, re.M | re.S)
+    assert len(blocks) >= 7 and "import surfelkit" in blocks[0]
     space = {}
     for block in blocks:
-        exec(compile(block, "docs/python.md", "exec"), space)
+        exec(compile(block, "a block", "exec"), space)
     for name in re.findall(r'surfelkit\.write\("([^"]+)"', "".join(blocks)):
         assert pathlib.Path(name).stat().st_size > 0, name
 
