@@ -330,6 +330,9 @@ SurfelCloud& ready(HeldCloud& held) {
   require_together(cloud, {"tangents", "variance_u", "variance_v"});
   require_together(cloud, {"clip1", "clip1_distance"});
   require_together(cloud, {"clip2", "clip2_distance"});
+  if (!cloud.clip2.empty() && cloud.clip1.empty()) {
+    throw_input("", "there is `clip2` without `clip1`; assign the first half-planes to `clip1`");
+  }
   require_together(cloud, {"dpdu", "dpdv"});
   cloud.check_columns("");
   return cloud;

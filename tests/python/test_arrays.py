@@ -208,6 +208,10 @@ def test_columns_that_come_together_are_asked_for(plane, tmp_path):
     assert not (tmp_path / "a.ply").exists()
     with pytest.raises(InputError, match="come together"):
         surfelkit.render(plane, size=16)
+    plane.variance_u = None
+    plane.clip2, plane.clip2_distance = np.zeros((441, 3)), np.zeros(441)
+    with pytest.raises(InputError, match="without `clip1`"):
+        surfelkit.render(plane, size=16)
 
 
 def test_files_are_read_as_what_they_are(source, plane, quad, tmp_path):
