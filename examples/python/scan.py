@@ -10,7 +10,7 @@ def main(points: str, picture: str) -> None:
     cloud = surfelkit.read_points(points)
     print(cloud)
     surfels = surfelkit.estimate(cloud)
-    # What a surfel's normal rests on may be doubtful: those of no confidence are left out.
+    # Surfels whose normal has no confidence at all are left out.
     trusted = surfels[surfels.columns["confidence"] > 0]
     print(f"{len(trusted)} of {len(surfels)} surfels have a normal, "
           f"{np.sqrt(np.median(trusted.columns['area'])):.3g} apart")

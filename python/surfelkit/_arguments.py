@@ -16,7 +16,7 @@ Progress = Optional[Callable[[str, float], None]]
 
 
 def options_of(arguments: dict[str, Any], names: dict[str, Any]) -> dict[str, Any]:
-    """Those of a function's arguments that are options of the library."""
+    """The arguments of a function that are options of the library."""
     options = {name: arguments[name] for name in names}
     if isinstance(options.get("size"), (int, np.integer)):
         options["size"] = [options["size"]] * 2

@@ -137,7 +137,7 @@ GaussianCloud& ready(HeldGaussians& held) {
 void bind_meshes(py::module_& module) {
   using Class = py::class_<HeldMesh, std::shared_ptr<HeldMesh>>;
   Class bound(module, "TriangleMesh",
-              "Triangles. Attributes are NumPy views as those of SurfelCloud.");
+              "Triangles. Attributes are NumPy views, as SurfelCloud has them.");
   bound.def_static(
       "from_arrays",
       [](const py::object& vertices, const py::object& triangles, const py::object& colors,
@@ -194,8 +194,8 @@ void bind_meshes(py::module_& module) {
 void bind_gaussians(py::module_& module) {
   using Class = py::class_<HeldGaussians, std::shared_ptr<HeldGaussians>>;
   Class bound(module, "GaussianCloud",
-              "Gaussians in space, such as trained splats. Attributes are NumPy views as those of\n"
-              "SurfelCloud; their number is fixed.");
+              "Gaussians in space, such as trained splats. Attributes are NumPy views, as\n"
+              "SurfelCloud has them; the number of Gaussians is fixed.");
   bound.def_static(
       "from_arrays", &gaussians_from_arrays, py::arg("positions"), py::arg("scales"),
       py::arg("rotations"), py::arg("opacities"), py::arg("harmonics"),

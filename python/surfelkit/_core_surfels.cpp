@@ -343,7 +343,7 @@ void bind_surfels(py::module_& module) {
   Class bound(module, "SurfelCloud",
               "Surfels or points: a structure of arrays, one row each.\n\n"
               "Attributes are NumPy views of the cloud's own memory, so that writing to them\n"
-              "changes the cloud, and they outlive it; those that the cloud lacks are None.\n"
+              "changes the cloud, and they outlive it; columns that the cloud lacks are None.\n"
               "Assigning to an attribute copies values in their place, or adds the column.\n"
               "`columns` has every number by the name that files have.");
   bound.def(py::init([] { return hold(SurfelCloud()); }));

@@ -9,7 +9,7 @@ from surfelkit import Camera, Image, InputError, UsageError
 
 
 def test_a_plane_seen_from_above(plane):
-    plane.color_light = "recorded"  # Such light is shown as it is.
+    plane.color_light = "recorded"  # Recorded light is shown as it is.
     image = surfelkit.render(
         plane, size=(40, 30), eye=(0.5, 0.5, 2), target=(0.5, 0.5, 0), ortho=0.6, aovs=True
     )
