@@ -18,6 +18,8 @@ surfel_packages=(
   gnuplot-nox
   # surfel-render joins pictures to films with it.
   ffmpeg
+  # The Python module, and its tests.
+  pybind11-dev python3-dev python3-numpy python3-pytest
   # Tests and checks.
   libgtest-dev librapidcheck-dev clang-format-14 clang-tidy-14
   # Pages are compared with pictures in it.
