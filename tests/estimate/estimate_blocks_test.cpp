@@ -248,6 +248,66 @@ TEST(EstimateBlocks, SidesByWindingAreOfTheWholeSurface) {
   }
 }
 
+/// A sphere in noise, upright planes, whose normals have no z, flat scan lines of equal length that
+/// no edge to a nearest point joins, two sheets that end, and scattered points. Some points are
+/// there twice.
+SurfelCloud several_parts(std::size_t count) {
+  SurfelCloud cloud;
+  const auto random = [&](std::uint64_t i, std::uint64_t d) { return random_uniform(7, i, d); };
+  const auto add = [&](double x, double y, double z) {
+    cloud.position.emplace_back(Vec3d(x, y, z).cast<float>());
+  };
+  const double across = std::sqrt(static_cast<double>(count));
+  for (std::uint64_t i = 0; i < count; ++i) {
+    const double u = random(i, 0);
+    const double v = random(i, 1);
+    const double ring = 2 * std::sqrt(v * (1 - v));
+    const double radius = 1 + 0.5 / across * (random(i, 2) - 0.5);
+    add(radius * ring * std::cos(6.28318 * u), radius * ring * std::sin(6.28318 * u),
+        radius * (1 - 2 * v));
+    if (i % 4 == 0) add(2 + (i % 8 == 0 ? 0.5 : 0.0), u, v);
+    if (i % 3 == 0) add(4 + u, 0.1 * v, 0.3 * std::cos(3 * u + v) + (i % 2 == 0 ? 0.03 : 0.0));
+    if (i % 5 == 0) {
+      const double line = std::floor(static_cast<double>(i) / 250);
+      add(3 + static_cast<double>(i % 250) / 250 + 0.01 * u, -3 + line * 0.06, 0);
+    }
+    if (i % 100 == 0) add(6 * random(i, 3), 2 * random(i, 4), random(i, 5));
+  }
+  for (std::size_t i = 0; i < 100; ++i) cloud.position.push_back(cloud.position[37 * i]);
+  cloud = sorted(cloud);
+  // Along the curve on the whole, but not within some points.
+  for (std::size_t i = 0; i + 40 <= cloud.size(); i += 40) {
+    const auto from = cloud.position.begin() + static_cast<std::ptrdiff_t>(i);
+    std::reverse(from, from + 40);
+  }
+  return cloud;
+}
+
+TEST(EstimateBlocks, SidesAlongTheSurfaceAreOfTheWholeSurface) {
+  EstimateOptions options;
+  options.orientation.method = Orientation::kMst;
+  expect_same(several_parts(4000), options, {{250}, {1500, 1}, {100000}});
+  options.orientation.method = Orientation::kOutward;
+  expect_same(several_parts(4000), options, {{700}});
+  const SurfelCloud sphere = sorted_points("sphere", 6000);
+  expect_same(sphere, options, {{300}, {2000, 1}});
+  Collector collector;
+  estimate_by_blocks(MemoryRanges(sphere), options, {.most_points = 1000}, collector);
+  for (std::size_t i = 0; i < sphere.size(); ++i) {
+    ASSERT_GT(collector.surfels.normal[i].dot(sphere.normal[i]), 0) << i;
+  }
+}
+
+TEST(EstimateBlocks, SidesAlongAnUnevenSurfaceAreOfTheWholeSurface) {
+  // A point far from all others leaves one cell of the curve for the rest.
+  EstimateOptions options;
+  options.orientation.method = Orientation::kMst;
+  expect_same(uneven_points(), options, {{500}, {4000, 1}});
+  options.normals.adaptive = true;
+  options.orientation.method = Orientation::kOutward;
+  expect_same(uneven_points(), options, {{3000}});
+}
+
 TEST(EstimateBlocks, AllNeighborhoodsAndSizesWork) {
   const SurfelCloud cloud = uneven_points();
   EstimateOptions options = up();
@@ -417,11 +477,6 @@ TEST(EstimateBlocks, WhatCannotBeDoneIsRefusedBefore) {
     EXPECT_EQ(collector.announced, 0U);
     EXPECT_EQ(block_problems(options).size(), 1U);
   };
-  for (const Orientation method : {Orientation::kMst, Orientation::kOutward}) {
-    EstimateOptions options;
-    options.orientation.method = method;
-    refused(options);
-  }
   EstimateOptions options = up();
   options.voxels.emplace();
   refused(options);
