@@ -411,26 +411,68 @@ class BlockEstimator {
   }
 
   /// Finds the side of every point along the edges between points, in a pass of its own over all
-  /// blocks, and one more over the points around which parts may be joined.
+  /// blocks, and one more over the points around which parts may be joined. Process 0 does it, but
+  /// for the blocks' edges, and tells the others.
   void find_sides_along_surface() {
-    forest_.emplace(index_.finite(), grid_,
-                    ForestSides::Options{.method = options_.orientation.method,
-                                         .memory = forest_memory_,
-                                         .of_memory = of_memory_,
-                                         .beside = beside_});
-    begin_pass(Pass::kEdges);
-    {
-      ProgressStage progress("finding sides", index_.points(), "points");
-      for_each_block([&](std::size_t begin, std::size_t end) {
-        const CloudBlock block = estimate(begin, end);
-        forest_->add(block.cloud.position, block.estimates.normals.normal, block.edges);
-        progress.add(index_.begin(end) - index_.begin(begin));
-      });
+    if (!peers_ || peers_->rank() == 0) {
+      forest_.emplace(index_.finite(), grid_,
+                      ForestSides::Options{.method = options_.orientation.method,
+                                           .memory = forest_memory_,
+                                           .of_memory = of_memory_,
+                                           .beside = beside_});
     }
-    forest_->unite();
-    if (forest_->looks_for_joins()) join_parts();
+    begin_pass(Pass::kEdges);
+    make_forests();
+    if (forest_) {
+      forest_->unite();
+      if (forest_->looks_for_joins()) join_parts();
+      along_surface_ = forest_->turn();
+      forest_.reset();
+    }
+    if (peers_) share_turned();
     begin_pass(Pass::kSurfels);
-    forest_->turn();
+  }
+
+  /// Makes the forests of blocks, one in each process at a time, for process 0.
+  void make_forests() {
+    const int processes = peers_ ? peers_->count() : 1;
+    const auto rank = static_cast<std::size_t>(peers_ ? peers_->rank() : 0);
+    ProgressStage progress("finding sides", index_.points(), "points");
+    const std::size_t together = block_runs_ * static_cast<std::size_t>(processes);
+    for (std::size_t first = 0; first < index_.size(); first += together) {
+      const std::size_t begin = std::min(first + rank * block_runs_, index_.size());
+      BlockForest mine;
+      if (begin < index_.size()) {
+        const CloudBlock block = estimate(begin, std::min(begin + block_runs_, index_.size()));
+        mine = BlockForest::of(block.cloud.position, block.estimates.normals.normal, block.edges,
+                               index_.finite_before(begin), grid_);
+      }
+      if (forest_) forest_->add(mine);
+      // Process 0 has room for one at a time.
+      for (int sender = 1; sender < processes; ++sender) {
+        std::vector<Bytes> to(static_cast<std::size_t>(processes));
+        if (peers_->rank() == sender && begin < index_.size()) to[0] = mine.bytes();
+        const std::vector<Bytes> from = peers_->exchange(std::move(to));
+        const Bytes& sent = from[static_cast<std::size_t>(sender)];
+        if (forest_ && !sent.empty()) forest_->add(BlockForest::of(sent));
+      }
+      progress.add(index_.begin(std::min(first + together, index_.size())) - index_.begin(first));
+    }
+  }
+
+  /// Tells all processes what process 0 has found.
+  void share_turned() {
+    Bytes bytes;
+    if (peers_->rank() == 0) {
+      const std::uint64_t parts = along_surface_.parts;
+      append_values(&parts, 1, bytes);
+      append_values(along_surface_.turned.data(), along_surface_.turned.size(), bytes);
+    }
+    const std::vector<Bytes> from =
+        peers_->exchange(std::vector<Bytes>(static_cast<std::size_t>(peers_->count()), bytes));
+    const std::vector<std::uint64_t> told = values_of<std::uint64_t>(from[0]);
+    along_surface_.parts = told[0];
+    along_surface_.turned.assign(told.begin() + 1, told.end());
   }
 
   void join_parts() {
@@ -657,13 +699,13 @@ class BlockEstimator {
       turn_to_sides(position, search, loaded.previous, normals.normal, &confidence);
       totals_.method = Orientation::kWinding;
       block.components = sides_->parts();
-    } else if (forest_) {
+    } else if (along_surface()) {
       Array<std::uint8_t> turned(count);
       parallel_each(count, kLoadGrain,
-                    [&](std::size_t i) { turned[i] = forest_->turned(loaded.number[i]) ? 1 : 0; });
+                    [&](std::size_t i) { turned[i] = along_surface_[loaded.number[i]] ? 1 : 0; });
       turn_known(position, search, turned, normals.normal, &confidence);
       totals_.method = options_.orientation.method;
-      block.components = forest_->parts();
+      block.components = along_surface_.parts;
     } else {
       const OrientationReport sides =
           orient_normals(position, block.cloud.origin, search, loaded.previous,
@@ -795,7 +837,8 @@ class BlockEstimator {
   bool to_sensors_ = false;  ///< Normals look to what the cloud tells.
   bool winding_ = false;     ///< Sides are told by the winding number: find_sides().
   std::optional<StoredSides> sides_;
-  std::optional<ForestSides> forest_;  ///< Of along_surface().
+  std::optional<ForestSides> forest_;  ///< While sides along the surface are found.
+  TurnedPoints along_surface_;         ///< What has been found.
   std::optional<PartJoins> joins_;     ///< In the pass that looks for them.
   std::size_t most_loaded_ = 0;        ///< Points that memory holds at once.
   std::uint64_t forest_memory_ = 0;    ///< Bytes for forest_.

@@ -1,6 +1,8 @@
 // Kruskal, "On the shortest spanning subtree of a graph", 1956.
 
 #include <algorithm>
+#include <array>
+#include <cstring>
 #include <limits>
 #include <numeric>
 #include <utility>
@@ -74,50 +76,14 @@ void BlockEdges::set(std::size_t point, std::size_t k, std::uint64_t to_number, 
   if (differ) opposed[point] = static_cast<std::uint16_t>(opposed[point] | 1U << k);
 }
 
-ForestSides::ForestSides(std::size_t count, const MortonGrid& grid, Options options)
-    : count_(count), grid_(grid), order_(grid), options_(std::move(options)) {
-  points_.emplace(options_.beside);
-  inner_.emplace(options_.beside);
-  point_set_.emplace(options_.beside);
-  const std::uint64_t needed = count_ * bytes_on_disk();
-  if (points_->free_bytes() < needed) {
-    throw_io(options_.beside,
-             fmt::format("the sides of {} points take {:.3g} GB on its disk while they are found, "
-                         "and {:.3g} GB are left; make room, or orient by another method",
-                         count_, static_cast<double>(needed) / 1e9,
-                         static_cast<double>(points_->free_bytes()) / 1e9));
-  }
-  require_memory(1);
-}
-
-/// \param share_done  of the points, 0..1: the rest will need as much as these points.
-void ForestSides::require_memory(double share_done) const {
-  const auto found =
-      static_cast<double>(edges_.size() * kEdgeBytes + set_points_.size() * kSetBytes);
-  const double needed = found / share_done + static_cast<double>(count_) / 8;
-  if (needed <= static_cast<double>(options_.memory)) return;
-  const double share = static_cast<double>(options_.of_memory) /
-                       static_cast<double>(std::max<std::uint64_t>(1, options_.memory));
-  throw_usage(fmt::format(
-      "{} bytes of memory are too few to find the sides of {} points along the surface: give at "
-      "least {:.0f} bytes, or orient by winding",
-      options_.of_memory, count_, needed * share));
-}
-
-bool ForestSides::before(const Edge& a, const Edge& b) const {
-  if (a.length != b.length) return a.length < b.length;
-  if (a.number != b.number) return order_({a.position, a.number}, {b.position, b.number});
-  return a.place < b.place;
-}
-
-void ForestSides::add(const Array<Vec3f>& position, const Array<Vec3f>& normal,
-                      const BlockEdges& edges) {
+BlockForest BlockForest::of(const Array<Vec3f>& position, const Array<Vec3f>& normal,
+                            const BlockEdges& edges, std::uint64_t first, const MortonGrid& grid) {
   const std::size_t count = position.size();
-  const std::uint64_t first = added_;
-  Array<Point> points(count);
-  parallel_each(count, kForestGrain, [&](std::size_t i) { points[i] = {position[i], normal[i]}; });
-  points_->append(points.data(), count * sizeof(Point));
-  points = {};
+  BlockForest out;
+  out.points_.resize(count);
+  parallel_each(count, kForestGrain, [&](std::size_t i) {
+    out.points_[i] = {position[i], normal[i]};
+  });
 
   // The graph's points are along the curve, then come the ends outside of the block.
   std::vector<std::uint64_t> outside;
@@ -127,7 +93,7 @@ void ForestSides::add(const Array<Vec3f>& position, const Array<Vec3f>& normal,
   }
   std::sort(outside.begin(), outside.end());
   outside.erase(std::unique(outside.begin(), outside.end()), outside.end());
-  const Array<std::uint32_t> order = morton_order(position, grid_);
+  const Array<std::uint32_t> order = morton_order(position, grid);
   Array<std::uint32_t> rank(count);
   for (std::size_t r = 0; r < count; ++r) rank[order[r]] = static_cast<std::uint32_t>(r);
   NeighborGraph graph;
@@ -153,7 +119,6 @@ void ForestSides::add(const Array<Vec3f>& position, const Array<Vec3f>& normal,
     }
   });
 
-  std::vector<InnerEdge> inner;
   for (const std::uint64_t e : spanning_forest_edges(graph)) {
     const std::uint32_t from = order[e / edges.degree];
     const std::size_t k = e % edges.degree;
@@ -161,10 +126,10 @@ void ForestSides::add(const Array<Vec3f>& position, const Array<Vec3f>& normal,
     const auto differ = static_cast<std::uint8_t>(edges.opposed[from] >> k & 1);
     const std::uint32_t to = graph.to(e);
     if (to < count) {
-      inner.push_back({from, order[to], graph.length[e], place, differ});
+      out.inner_.push_back({from, order[to], graph.length[e], place, differ});
     } else {
       const std::uint64_t number = outside[to - count];
-      edges_.push_back(
+      out.leaving_.push_back(
           {position[from],
            graph.length[e],
            place,
@@ -173,9 +138,87 @@ void ForestSides::add(const Array<Vec3f>& position, const Array<Vec3f>& normal,
            {static_cast<std::uint32_t>(number), static_cast<std::uint32_t>(number >> 32)}});
     }
   }
-  added_ += count;
-  const std::uint64_t at = inner_->append(inner.data(), inner.size() * sizeof(InnerEdge));
-  blocks_.push_back({first, added_, at, inner.size()});
+  return out;
+}
+
+Bytes BlockForest::bytes() const {
+  Bytes out;
+  const auto put = [&](const auto* values, std::size_t count) {
+    const auto* const from = reinterpret_cast<const std::byte*>(values);
+    out.insert(out.end(), from, from + count * sizeof(*values));
+  };
+  const std::array<std::uint64_t, 3> sizes{points_.size(), inner_.size(), leaving_.size()};
+  put(sizes.data(), sizes.size());
+  put(points_.data(), points_.size());
+  put(inner_.data(), inner_.size());
+  put(leaving_.data(), leaving_.size());
+  return out;
+}
+
+BlockForest BlockForest::of(const Bytes& bytes) {
+  const std::byte* from = bytes.data();
+  const auto take = [&](auto* to, std::size_t count) {
+    if (count > 0) std::memcpy(static_cast<void*>(to), from, count * sizeof(*to));
+    from += count * sizeof(*to);
+  };
+  std::array<std::uint64_t, 3> sizes{};
+  take(sizes.data(), sizes.size());
+  BlockForest out;
+  out.points_.resize(sizes[0]);
+  out.inner_.resize(sizes[1]);
+  out.leaving_.resize(sizes[2]);
+  take(out.points_.data(), sizes[0]);
+  take(out.inner_.data(), sizes[1]);
+  take(out.leaving_.data(), sizes[2]);
+  return out;
+}
+
+ForestSides::ForestSides(std::size_t count, const MortonGrid& grid, Options options)
+    : count_(count),
+      order_(grid),
+      options_(std::move(options)),
+      points_(options_.beside),
+      point_set_(options_.beside) {
+  inner_.emplace(options_.beside);
+  const std::uint64_t needed = count_ * bytes_on_disk();
+  if (points_.free_bytes() < needed) {
+    throw_io(options_.beside,
+             fmt::format("the sides of {} points take {:.3g} GB on its disk while they are found, "
+                         "and {:.3g} GB are left; make room, or orient by another method",
+                         count_, static_cast<double>(needed) / 1e9,
+                         static_cast<double>(points_.free_bytes()) / 1e9));
+  }
+  require_memory(1);
+}
+
+/// \param share_done  of the points, 0..1: the rest will need as much as these points.
+void ForestSides::require_memory(double share_done) const {
+  const auto found =
+      static_cast<double>(edges_.size() * kEdgeBytes + set_points_.size() * kSetBytes);
+  const double needed = found / share_done + static_cast<double>(count_) / 8;
+  if (needed <= static_cast<double>(options_.memory)) return;
+  const double share = static_cast<double>(options_.of_memory) /
+                       static_cast<double>(std::max<std::uint64_t>(1, options_.memory));
+  throw_usage(fmt::format(
+      "{} bytes of memory are too few to find the sides of {} points along the surface: give at "
+      "least {:.0f} bytes, or orient by winding",
+      options_.of_memory, count_, needed * share));
+}
+
+bool ForestSides::before(const Edge& a, const Edge& b) const {
+  if (a.length != b.length) return a.length < b.length;
+  if (a.number != b.number) return order_({a.position, a.number}, {b.position, b.number});
+  return a.place < b.place;
+}
+
+void ForestSides::add(const BlockForest& block) {
+  const std::size_t begin = added_;
+  added_ += block.points_.size();
+  points_.append(block.points_.data(), block.points_.size() * sizeof(Point));
+  const std::uint64_t at =
+      inner_->append(block.inner_.data(), block.inner_.size() * sizeof(InnerEdge));
+  blocks_.push_back({begin, added_, at, block.inner_.size()});
+  edges_.insert(edges_.end(), block.leaving_.begin(), block.leaving_.end());
   require_memory(static_cast<double>(added_) / static_cast<double>(count_));
 }
 
@@ -210,7 +253,7 @@ void ForestSides::find_borders() {
 void ForestSides::contract(const Block& block, std::span<Border> borders) {
   const std::size_t count = block.end - block.begin;
   Array<Point> points(count);
-  points_->read_at(block.begin * sizeof(Point), points.data(), count * sizeof(Point));
+  points_.read_at(block.begin * sizeof(Point), points.data(), count * sizeof(Point));
   std::vector<InnerEdge> inner(block.edges);
   inner_->read_at(block.edges_at, inner.data(), inner.size() * sizeof(InnerEdge));
   SignedSets sets(count);
@@ -259,7 +302,7 @@ void ForestSides::contract(const Block& block, std::span<Border> borders) {
     ++set_points_[set];
     point_set[i] = PointSet::of(set, root.opposed);
   }
-  point_set_->append(point_set.data(), count * sizeof(PointSet));
+  point_set_.append(point_set.data(), count * sizeof(PointSet));
   const auto to_sets = [&](std::uint32_t& end, std::uint8_t& differ) {
     differ = static_cast<std::uint8_t>(differ ^ (point_set[end].opposed() ? 1 : 0));
     end = point_set[end].set();
@@ -327,9 +370,9 @@ void ForestSides::for_each_block(const Body& body) const {
   for (const Block& block : blocks_) {
     const std::size_t count = block.end - block.begin;
     Array<Point> points(count);
-    points_->read_at(block.begin * sizeof(Point), points.data(), count * sizeof(Point));
+    points_.read_at(block.begin * sizeof(Point), points.data(), count * sizeof(Point));
     Array<PointSet> point_set(count);
-    point_set_->read_at(block.begin * sizeof(PointSet), point_set.data(), count * sizeof(PointSet));
+    point_set_.read_at(block.begin * sizeof(PointSet), point_set.data(), count * sizeof(PointSet));
     body(block.begin, points, point_set);
   }
 }
@@ -357,8 +400,8 @@ void ForestSides::find_largest() {
 }
 
 ForestSides::Parts ForestSides::parts_of(std::span<const std::uint64_t> numbers) const {
-  const Array<Point> points = values_at<Point>(*points_, numbers);
-  const Array<PointSet> point_set = values_at<PointSet>(*point_set_, numbers);
+  const Array<Point> points = values_at<Point>(points_, numbers);
+  const Array<PointSet> point_set = values_at<PointSet>(point_set_, numbers);
   Parts out;
   out.normal.resize(numbers.size());
   out.part.resize(numbers.size());
@@ -379,7 +422,7 @@ void ForestSides::join(const PartJoins& joins) {
   number_parts(united);
 }
 
-void ForestSides::turn() {
+TurnedPoints ForestSides::turn() const {
   std::vector<bool> turn;
   while (turn.size() < part_points_.size()) {
     const std::size_t some =
@@ -402,20 +445,17 @@ void ForestSides::turn() {
     const std::vector<bool> told = votes.turned();
     turn.insert(turn.end(), told.begin(), told.end());
   }
-  turned_.assign((count_ + 63) / 64, 0);
+  TurnedPoints out{part_points_.size(), std::vector<std::uint64_t>((count_ + 63) / 64)};
   for_each_block(
       [&](std::uint64_t first, const Array<Point>& points, const Array<PointSet>& point_set) {
         for (std::size_t i = 0; i < points.size(); ++i) {
           const std::uint32_t part = part_of(point_set[i]);
           if (part == PartVotes::kNoPart) continue;
           const std::uint64_t bit = (opposed(point_set[i]) != 0) != turn[part] ? 1 : 0;
-          turned_[(first + i) / 64] |= bit << (first + i) % 64;
+          out.turned[(first + i) / 64] |= bit << (first + i) % 64;
         }
       });
-  points_.reset();
-  point_set_.reset();
-  sets_ = {};
-  set_points_ = {};
+  return out;
 }
 
 }  // namespace surfel

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include <surfel/base/morton.h>
+#include <surfel/base/peers.h>
 #include <surfel/base/scratch_file.h>
 #include <surfel/base/types.h>
 #include <surfel/estimate/orientation.h>
@@ -31,14 +32,63 @@ struct BlockEdges {
   void set(std::size_t point, std::size_t k, std::uint64_t to_number, float weight, bool differ);
 };
 
+/// What may be in the forest of the whole cloud, of a block of consecutive points. An edge that
+/// closes a cycle of shorter edges of the block's points is in no forest.
+class BlockForest {
+ public:
+  /// \param first  number of the block's first point among the finite points of the cloud.
+  /// \param grid   of the cloud.
+  static BlockForest of(const Array<Vec3f>& position, const Array<Vec3f>& normal,
+                        const BlockEdges& edges, std::uint64_t first, const MortonGrid& grid);
+  /// As bytes for another process, and back.
+  Bytes bytes() const;
+  static BlockForest of(const Bytes& bytes);
+
+ private:
+  friend class ForestSides;
+  struct Point {
+    Vec3f position, normal;
+  };
+  /// An edge within the block, whose points are counted from its first.
+  struct InnerEdge {
+    std::uint32_t from, to;
+    std::uint16_t length;
+    std::uint8_t place;  ///< Within the row.
+    std::uint8_t differ;
+  };
+  /// An edge of the whole graph, with what its place in the order is told from.
+  struct Edge {
+    Vec3f position;  ///< Of the point that lists it.
+    std::uint16_t length;
+    std::uint8_t place;  ///< Within the row.
+    std::uint8_t differ;
+    std::uint64_t number;               ///< Of the point that lists it.
+    std::array<std::uint32_t, 2> ends;  ///< The other point's number, its lower half first; borders
+                                        ///< or sets in ForestSides::unite().
+  };
+  std::vector<Point> points_;
+  std::vector<InnerEdge> inner_;  ///< Ascending.
+  std::vector<Edge> leaving_;     ///< To other blocks.
+};
+
+/// Which points' normals have to be turned.
+struct TurnedPoints {
+  std::size_t parts = 0;              ///< Of the surface.
+  std::vector<std::uint64_t> turned;  ///< A bit a point.
+
+  /// By the point's number among the finite points of the cloud.
+  bool operator[](std::uint64_t number) const {
+    return (turned[number / 64] >> number % 64 & 1) != 0;
+  }
+};
+
 /// Sides that spread from edge to edge (kMst, kOutward) of a cloud that is not in memory, the same
 /// as orient_normals() finds: the minimum spanning forest does not depend on the blocks.
 ///
-/// An edge that closes a cycle of shorter edges of its block's points is in no forest. What is left
-/// of a block waits on a scratch file, but for the edges to other blocks, which are in memory. Once
-/// all of these are known, points of a block are united along the edges that are the shortest of
-/// all edges that leave a set of points [Boruvka 1926]. Such sets hold a point at the block's
-/// border each, or are whole parts. Kruskal's algorithm unites them along the other edges.
+/// The forests of blocks wait on scratch files, but for the edges to other blocks, which are in
+/// memory. Once all of these are known, points of a block are united along the edges that are the
+/// shortest of all edges that leave a set of points [Boruvka 1926]. Such sets hold a point at the
+/// block's border each, or are whole parts. Kruskal's algorithm unites them along the other edges.
 ///
 /// To be called in this order: add() for all blocks, unite(), then, if looks_for_joins(), joins()
 /// for blocks and join(), and turn(). Where that takes more memory than is given, Error(kUsage)
@@ -59,8 +109,8 @@ class ForestSides {
     return sizeof(Point) + sizeof(InnerEdge) + sizeof(PointSet);
   }
 
-  /// Adds the next finite points of the cloud, all of a block, with their normals.
-  void add(const Array<Vec3f>& position, const Array<Vec3f>& normal, const BlockEdges& edges);
+  /// Adds the next block of the cloud.
+  void add(const BlockForest& block);
   /// Unites the points along the forest.
   void unite();
 
@@ -72,7 +122,7 @@ class ForestSides {
     Array<std::uint32_t> part;
     Array<std::uint8_t> opposed;
   };
-  /// The parts of points, by their numbers; callable between unite() and turn().
+  /// The parts of points, by their numbers; after unite().
   Parts parts_of(std::span<const std::uint64_t> numbers) const;
   bool comes(const Parts& parts, std::size_t i) const {
     return parts.part[i] != PartVotes::kNoPart && parts.part[i] != largest_;
@@ -81,34 +131,13 @@ class ForestSides {
   /// Unites parts.
   void join(const PartJoins& joins);
 
-  /// Tells which points have to be turned, and drops all else.
-  void turn();
-
-  std::size_t parts() const { return part_points_.size(); }
-  /// Whether a point's normal has to be turned, by its number; not before turn().
-  bool turned(std::uint64_t number) const { return (turned_[number / 64] >> number % 64 & 1) != 0; }
+  /// Turns the parts.
+  TurnedPoints turn() const;
 
  private:
-  struct Point {
-    Vec3f position, normal;
-  };
-  /// An edge of a block's forest within the block, whose points are counted from its first.
-  struct InnerEdge {
-    std::uint32_t from, to;
-    std::uint16_t length;
-    std::uint8_t place;  ///< Within the row.
-    std::uint8_t differ;
-  };
-  /// An edge of the whole graph, with what its place in the order is told from.
-  struct Edge {
-    Vec3f position;  ///< Of the point that lists it.
-    std::uint16_t length;
-    std::uint8_t place;  ///< Within the row.
-    std::uint8_t differ;
-    std::uint64_t number;               ///< Of the point that lists it.
-    std::array<std::uint32_t, 2> ends;  ///< Borders or sets; before unite() the other point's
-                                        ///< number, its lower half first.
-  };
+  using Point = BlockForest::Point;
+  using InnerEdge = BlockForest::InnerEdge;
+  using Edge = BlockForest::Edge;
   /// A point that an edge to another block leads from or to.
   struct Border {
     std::uint64_t number;
@@ -154,21 +183,19 @@ class ForestSides {
   }
 
   std::size_t count_;
-  MortonGrid grid_;
   CurveOrder order_;
   Options options_;
   std::size_t added_ = 0;
   std::vector<Block> blocks_;
-  std::optional<ScratchFile> points_;     ///< A Point of each.
-  std::optional<ScratchFile> inner_;      ///< Inner edges, block by block.
-  std::optional<ScratchFile> point_set_;  ///< A PointSet of each point.
+  ScratchFile points_;                ///< A Point of each.
+  std::optional<ScratchFile> inner_;  ///< Inner edges, block by block.
+  ScratchFile point_set_;             ///< A PointSet of each point.
   std::vector<Edge> edges_;  ///< The edges between blocks; in unite() also the ones left in blocks.
   std::vector<Border> borders_;
   std::vector<std::uint32_t> set_points_;  ///< By set.
   std::vector<Set> sets_;
   std::vector<std::uint64_t> part_points_;
   std::uint32_t largest_ = PartVotes::kNoPart;
-  std::vector<std::uint64_t> turned_;
 };
 
 }  // namespace surfel
