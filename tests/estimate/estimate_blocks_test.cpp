@@ -248,6 +248,63 @@ TEST(EstimateBlocks, SidesByWindingAreOfTheWholeSurface) {
   }
 }
 
+/// A sphere in noise, upright planes, whose normals have no z, flat scan lines of equal length that
+/// no edge to a nearest point joins, two sheets that end, and scattered points. Some points are
+/// there twice.
+SurfelCloud several_parts(std::size_t count) {
+  SurfelCloud cloud;
+  const auto random = [&](std::uint64_t i, std::uint64_t d) { return random_uniform(7, i, d); };
+  const auto add = [&](double x, double y, double z) {
+    cloud.position.emplace_back(Vec3d(x, y, z).cast<float>());
+  };
+  const double across = std::sqrt(static_cast<double>(count));
+  for (std::uint64_t i = 0; i < count; ++i) {
+    const double u = random(i, 0);
+    const double v = random(i, 1);
+    const double ring = 2 * std::sqrt(v * (1 - v));
+    const double radius = 1 + 0.5 / across * (random(i, 2) - 0.5);
+    add(radius * ring * std::cos(6.28318 * u), radius * ring * std::sin(6.28318 * u),
+        radius * (1 - 2 * v));
+    if (i % 4 == 0) add(2 + (i % 8 == 0 ? 0.5 : 0.0), u, v);
+    if (i % 3 == 0) add(4 + u, 0.1 * v, 0.3 * std::cos(3 * u + v) + (i % 2 == 0 ? 0.03 : 0.0));
+    if (i % 5 == 0) {
+      const double line = std::floor(static_cast<double>(i) / 250);
+      add(3 + static_cast<double>(i % 250) / 250 + 0.01 * u, -3 + line * 0.06, 0);
+    }
+    if (i % 100 == 0) add(6 * random(i, 3), 2 * random(i, 4), random(i, 5));
+  }
+  for (std::size_t i = 0; i < 100; ++i) cloud.position.push_back(cloud.position[37 * i]);
+  cloud = sorted(cloud);
+  // Along the curve on the whole, but not within some points.
+  for (std::size_t i = 0; i + 40 <= cloud.size(); i += 40) {
+    const auto from = cloud.position.begin() + static_cast<std::ptrdiff_t>(i);
+    std::reverse(from, from + 40);
+  }
+  return cloud;
+}
+
+TEST(EstimateBlocks, SidesAlongTheSurfaceAreOfTheWholeSurface) {
+  EstimateOptions options;
+  options.orientation.method = Orientation::kMst;
+  expect_same(several_parts(3000), options, {{250}, {1500, 1}});
+  options.orientation.method = Orientation::kOutward;
+  expect_same(several_parts(3000), options, {{700}});
+  const SurfelCloud sphere = sorted_points("sphere", 3000);
+  Collector collector;
+  estimate_by_blocks(MemoryRanges(sphere), options, {.most_points = 300}, collector);
+  for (std::size_t i = 0; i < sphere.size(); ++i) {
+    ASSERT_GT(collector.surfels.normal[i].dot(sphere.normal[i]), 0) << i;
+  }
+}
+
+TEST(EstimateBlocks, SidesAlongAnUnevenSurfaceAreOfTheWholeSurface) {
+  // A point far from all others leaves few cells of the curve for the rest, and a hole parts
+  // blocks.
+  EstimateOptions options;
+  options.orientation.method = Orientation::kMst;
+  expect_same(uneven_points(), options, {{900, 1}});
+}
+
 TEST(EstimateBlocks, AllNeighborhoodsAndSizesWork) {
   const SurfelCloud cloud = uneven_points();
   EstimateOptions options = up();
@@ -368,32 +425,37 @@ TEST(EstimateBlocks, FinishedBlocksAreKeptForALaterRun) {
 }
 
 TEST(EstimateBlocks, PeersShareTheBlocksWhateverMemoryEachHas) {
-  const TemporaryFolder folder;
-  const std::string path = folder / "surfels.ply";
   const SurfelCloud cloud = sorted_points("terrain", 20000);
-  write_cloud(estimate_surfels(cloud, up()), folder / "whole.ply");
-  constexpr int kPeers = 3;
-  std::array<int, kPeers> made{};
-  EstimateReport report;
-  run_peers(kPeers, [&](ThreadPeers& self) {
-    RowFile file(path, {.peers = &self});
-    FileSink sink(file);
-    EstimateReport mine;
-    // By blocks of another size each they would leave some out.
-    const std::uint64_t memory = std::uint64_t{3U + static_cast<unsigned>(self.rank())} << 20;
-    estimate_by_blocks(MemoryRanges(cloud), up(), {.memory = memory, .peers = &self}, sink, &mine);
-    file.commit();
-    made[static_cast<std::size_t>(self.rank())] = sink.made;
-    if (self.rank() == 2) report = mine;
-  });
-  EXPECT_TRUE(read_text(path) == read_text(folder / "whole.ply"));
-  const auto [least, most] = std::minmax_element(made.begin(), made.end());
-  EXPECT_GT(*least, 0);
-  EXPECT_LE(*most, *least + 1);
-  EstimateReport whole;
-  estimate_surfels(cloud, up(), &whole);
-  EXPECT_EQ(report.mean_neighbors, whole.mean_neighbors);
-  EXPECT_EQ(report.border, whole.border);
+  EstimateOptions along_surface;
+  along_surface.orientation.method = Orientation::kMst;
+  for (const EstimateOptions& options : {up(), along_surface}) {
+    const TemporaryFolder folder;
+    const std::string path = folder / "surfels.ply";
+    EstimateReport whole;
+    write_cloud(estimate_surfels(cloud, options, &whole), folder / "whole.ply");
+    constexpr int kPeers = 3;
+    std::array<int, kPeers> made{};
+    EstimateReport report;
+    run_peers(kPeers, [&](ThreadPeers& self) {
+      RowFile file(path, {.peers = &self});
+      FileSink sink(file);
+      EstimateReport mine;
+      // By blocks of another size each they would leave some out.
+      const std::uint64_t memory = std::uint64_t{3U + static_cast<unsigned>(self.rank())} << 20;
+      estimate_by_blocks(MemoryRanges(cloud), options, {.memory = memory, .peers = &self}, sink,
+                         &mine);
+      file.commit();
+      made[static_cast<std::size_t>(self.rank())] = sink.made;
+      if (self.rank() == 2) report = mine;
+    });
+    EXPECT_TRUE(read_text(path) == read_text(folder / "whole.ply"));
+    const auto [least, most] = std::minmax_element(made.begin(), made.end());
+    EXPECT_GT(*least, 0);
+    EXPECT_LE(*most, *least + 1);
+    EXPECT_EQ(report.mean_neighbors, whole.mean_neighbors);
+    EXPECT_EQ(report.border, whole.border);
+    EXPECT_EQ(report.orientation.components, whole.orientation.components);
+  }
 }
 
 TEST(EstimateBlocks, ColorsThatAreNotFiniteAreCounted) {
@@ -417,11 +479,6 @@ TEST(EstimateBlocks, WhatCannotBeDoneIsRefusedBefore) {
     EXPECT_EQ(collector.announced, 0U);
     EXPECT_EQ(block_problems(options).size(), 1U);
   };
-  for (const Orientation method : {Orientation::kMst, Orientation::kOutward}) {
-    EstimateOptions options;
-    options.orientation.method = method;
-    refused(options);
-  }
   EstimateOptions options = up();
   options.voxels.emplace();
   refused(options);
@@ -449,6 +506,14 @@ TEST(EstimateBlocks, WhatCannotBeDoneIsRefusedBefore) {
   without.normal[17] = Vec3f(0, 0, 0);
   EXPECT_THROW(estimate_by_blocks(MemoryRanges(without), options, {}, collector), Error);
   EXPECT_EQ(collector.announced, 0U);
+
+  // Blocks would fit, but so many edges between them do not.
+  options.orientation.method = Orientation::kMst;
+  EXPECT_NE(message_of([&] {
+              estimate_by_blocks(MemoryRanges(sorted_points("sphere", 20000)), options,
+                                 {.memory = 1 << 20}, collector);
+            }).find("along the surface: give at least"),
+            std::string::npos);
 }
 
 TEST(EstimateBlocks, PointsWithoutOrderAreRefused) {

@@ -16,6 +16,7 @@
 #include <surfel/base/progress.h>
 #include <surfel/base/stage_timer.h>
 #include <surfel/estimate/estimate_blocks.h>
+#include <surfel/estimate/forest_sides.h>
 #include <surfel/estimate/halo_loader.h>
 #include <surfel/estimate/noisy_normals.h>
 #include <surfel/estimate/place_sample.h>
@@ -23,6 +24,7 @@
 #include <surfel/estimate/range_normals.h>
 #include <surfel/estimate/run_index.h>
 #include <surfel/estimate/stored_sides.h>
+#include <surfel/estimate/surface_edges.h>
 #include <surfel/scene/cloud_rows.h>
 #include <surfel/surface/exact_search.h>
 #include <surfel/surface/halo_search.h>
@@ -51,6 +53,7 @@ constexpr std::uint64_t kEllipses = std::numeric_limits<std::uint64_t>::max();
 struct CloudBlock : BlockPoints {
   PointEstimates estimates;
   Array<std::uint8_t> turned;  ///< 1 where orientation turned the normal.
+  BlockEdges edges;            ///< Made in the pass that looks for them.
   std::size_t components = 0;
 };
 
@@ -71,9 +74,14 @@ class BlockEstimator {
     shared_ = shared_neighbors(options_.normals);
     read_index();
     const std::uint64_t point_bytes = kPointBytes + 2 * column_bytes_;
-    const std::uint64_t index_bytes = index_.size() * sizeof(RunIndex::Run);
-    auto most_loaded = static_cast<std::size_t>(
-        (blocks.memory - std::min(blocks.memory, index_bytes)) / point_bytes);
+    const std::uint64_t index_bytes = index_.size() * RunIndex::kRunBytes;
+    const std::uint64_t memory = blocks.memory - std::min(blocks.memory, index_bytes);
+    auto most_loaded = static_cast<std::size_t>(memory / point_bytes);
+    if (along_surface()) {
+      most_loaded = std::min(most_loaded / 4 * 3, 2 * kMostBlock);
+      forest_memory_ = memory - most_loaded * point_bytes;
+      of_memory_ = blocks.memory;
+    }
     std::size_t points = blocks.most_points;
     if (points == 0) {
       // The halo takes its part.
@@ -85,31 +93,20 @@ class BlockEstimator {
       }
     } else {
       most_loaded = std::numeric_limits<std::size_t>::max();
+      forest_memory_ = std::numeric_limits<std::uint64_t>::max();
     }
+    most_loaded_ = most_loaded;
     block_runs_ = std::max<std::size_t>(1, points / index_.length());
     decide();
     if (winding_) require_room_for_tiles(blocks, index_bytes);
-    const NormalOptions& normals = options_.normals;
-    HaloOptions halo{.radius = normals.radius, .most_points = most_loaded};
-    if (normals.radius > 0) {
-      halo.neighbors = 0;
-    } else {
-      halo.neighbors = normals.adaptive ? normals.k_max : normals.k;
-    }
-    if (aligned() || to_sensors_ || winding_) {
-      halo.directions = [this](const SurfelCloud& piece, std::size_t run) {
-        return directions(piece, run);
-      };
-    }
-    halos_.emplace(cloud_, index_, std::move(halo), name_);
+    begin_pass(Pass::kSurfels);
   }
 
   void run(SurfelSink& sink, EstimateReport& report, StageTimer& stage) {
     stage.end("index");
-    if (winding_) {
-      find_sides();
-      stage.end("sides");
-    }
+    if (winding_) find_sides();
+    if (along_surface()) find_sides_along_surface();
+    stage.end("sides");
     const bool decide_ellipses =
         options_.size.rule == VarianceRule::kCover && options_.size.anisotropy == Anisotropy::kAuto;
     ellipses_ =
@@ -153,6 +150,14 @@ class BlockEstimator {
   }
 
  private:
+  /// What is made of the points that are loaded.
+  enum class Pass : std::uint8_t {
+    kNormals,
+    kEdges,  ///< Edges to the nearest points.
+    kJoins,  ///< Edges between parts that no edge to a nearest point joins.
+    kSurfels
+  };
+
   /// A larger block saves hardly any halo, and is no longer in the processor's caches.
   static constexpr std::size_t kMostBlock = std::size_t{1} << 20;
 
@@ -237,12 +242,17 @@ class BlockEstimator {
     const std::uint64_t point_bytes =
         kPointBytes + 2 * (cloud.size() > 0 ? row_bytes(cloud.read(0, 1)) : 0);
     const std::uint64_t of_block = blocks.memory / point_bytes / kRunsOfBlock;
-    const std::uint64_t of_index = cloud.size() * sizeof(RunIndex::Run) * kShareOfIndex /
+    const std::uint64_t of_index = cloud.size() * RunIndex::kRunBytes * kShareOfIndex /
                                    std::max<std::uint64_t>(1, blocks.memory);
     return std::bit_floor(static_cast<std::size_t>(
         std::clamp<std::uint64_t>(std::max(of_block, of_index), kLeastRun, kRunLength)));
   }
 
+  /// Do sides spread from edge to edge?
+  bool along_surface() const {
+    return options_.orientation.method == Orientation::kMst ||
+           options_.orientation.method == Orientation::kOutward;
+  }
   bool aligned() const { return options_.orientation.method == Orientation::kAlign; }
   /// Do normals look to sensors that the points tell?
   bool to_sensors() const { return to_sensors_; }
@@ -369,15 +379,119 @@ class BlockEstimator {
         },
         beside_);
     ProgressStage progress("finding sides", index_.points(), "points");
-    normals_only_ = true;
-    for (std::size_t begin = 0; begin < index_.size(); begin += block_runs_) {
-      const std::size_t end = std::min(begin + block_runs_, index_.size());
+    begin_pass(Pass::kNormals);
+    for_each_block([&](std::size_t begin, std::size_t end) {
       const CloudBlock block = estimate(begin, end);
       sides_->add(block.cloud.position, block.estimates.normals.normal);
       progress.add(index_.begin(end) - index_.begin(begin));
-    }
-    normals_only_ = false;
+    });
+    begin_pass(Pass::kSurfels);
     sides_->finish();
+  }
+
+  /// Says what blocks are for, and makes the loader of their halos.
+  void begin_pass(Pass pass) {
+    pass_ = pass;
+    const NormalOptions& normals = options_.normals;
+    HaloOptions halo{.most_points = most_loaded_};
+    if (pass == Pass::kJoins) {
+      halo.neighbors = kJoinNeighbors;
+    } else if (normals.radius > 0) {
+      halo.neighbors = 0;
+      halo.radius = normals.radius;
+    } else {
+      halo.neighbors = normals.adaptive ? normals.k_max : normals.k;
+    }
+    if (pass == Pass::kSurfels && (aligned() || to_sensors_ || winding_)) {
+      halo.directions = [this](const SurfelCloud& piece, std::size_t run) {
+        return directions(piece, run);
+      };
+    }
+    halos_.emplace(cloud_, index_, std::move(halo), name_);
+  }
+
+  /// Finds the side of every point along the edges between points, in a pass of its own over all
+  /// blocks, and one more over the points around which parts may be joined. Process 0 does it, but
+  /// for the blocks' edges, and tells the others.
+  void find_sides_along_surface() {
+    if (!peers_ || peers_->rank() == 0) {
+      forest_.emplace(index_.finite(), grid_,
+                      ForestSides::Options{.method = options_.orientation.method,
+                                           .memory = forest_memory_,
+                                           .of_memory = of_memory_,
+                                           .beside = beside_});
+    }
+    begin_pass(Pass::kEdges);
+    make_forests();
+    if (forest_) {
+      forest_->unite();
+      if (forest_->looks_for_joins()) join_parts();
+      along_surface_ = forest_->turn();
+      forest_.reset();
+    }
+    if (peers_) share_turned();
+    begin_pass(Pass::kSurfels);
+  }
+
+  /// Makes the forests of blocks, one in each process at a time, for process 0.
+  void make_forests() {
+    const int processes = peers_ ? peers_->count() : 1;
+    const auto rank = static_cast<std::size_t>(peers_ ? peers_->rank() : 0);
+    ProgressStage progress("finding sides", index_.points(), "points");
+    const std::size_t together = block_runs_ * static_cast<std::size_t>(processes);
+    for (std::size_t first = 0; first < index_.size(); first += together) {
+      const std::size_t begin = std::min(first + rank * block_runs_, index_.size());
+      BlockForest mine;
+      if (begin < index_.size()) {
+        const CloudBlock block = estimate(begin, std::min(begin + block_runs_, index_.size()));
+        mine = BlockForest::of(block.cloud.position, block.estimates.normals.normal, block.edges,
+                               index_.finite_before(begin), grid_);
+      }
+      if (forest_) forest_->add(mine);
+      // Process 0 has room for one at a time.
+      for (int sender = 1; sender < processes; ++sender) {
+        std::vector<Bytes> to(static_cast<std::size_t>(processes));
+        if (peers_->rank() == sender && begin < index_.size()) to[0] = mine.bytes();
+        const std::vector<Bytes> from = peers_->exchange(std::move(to));
+        const Bytes& sent = from[static_cast<std::size_t>(sender)];
+        if (forest_ && !sent.empty()) forest_->add(BlockForest::of(sent));
+      }
+      progress.add(index_.begin(std::min(first + together, index_.size())) - index_.begin(first));
+    }
+  }
+
+  /// Tells all processes what process 0 has found.
+  void share_turned() {
+    Bytes bytes;
+    if (peers_->rank() == 0) {
+      const std::uint64_t parts = along_surface_.parts;
+      append_values(&parts, 1, bytes);
+      append_values(along_surface_.turned.data(), along_surface_.turned.size(), bytes);
+    }
+    const std::vector<Bytes> from =
+        peers_->exchange(std::vector<Bytes>(static_cast<std::size_t>(peers_->count()), bytes));
+    const std::vector<std::uint64_t> told = values_of<std::uint64_t>(from[0]);
+    along_surface_.parts = told[0];
+    along_surface_.turned.assign(told.begin() + 1, told.end());
+  }
+
+  void join_parts() {
+    begin_pass(Pass::kJoins);
+    joins_.emplace(forest_->joins());
+    ProgressStage progress("joining parts", index_.points(), "points");
+    for_each_block([&](std::size_t begin, std::size_t end) {
+      estimate(begin, end);
+      progress.add(index_.begin(end) - index_.begin(begin));
+    });
+    forest_->join(*joins_);
+    joins_.reset();
+  }
+
+  template <class Body>
+  void for_each_block(const Body& body) const {
+    for (std::size_t begin = 0; begin < index_.size(); begin += block_runs_) {
+      body(begin, std::min(begin + block_runs_, index_.size()));
+    }
   }
 
   /// Are ellipses worth it in some runs, spread evenly?
@@ -396,7 +510,8 @@ class BlockEstimator {
 
   /// The directions that orient_normals(), or turn_to_sides(), needs of the points from a run on.
   Array<Vec3f> directions(const SurfelCloud& piece, std::size_t run) const {
-    if (winding_) return normals_only_ ? Array<Vec3f>() : sides_->of(piece.position, run);
+    if (pass_ != Pass::kSurfels) return {};
+    if (winding_) return sides_->of(piece.position, run);
     if (aligned()) return piece.normal;
     if (!to_sensors_) return {};
     Array<Vec3d> sensors;
@@ -417,7 +532,12 @@ class BlockEstimator {
     for (std::size_t run = begin_run; run < end_run; ++run) {
       block.run_points.push_back(block.run_points.back() + index_[run].finite);
     }
-    SurfelCloud all = cloud_.read(index_.begin(begin_run), index_.begin(end_run));
+    SurfelCloud all;
+    if (pass_ == Pass::kSurfels) {
+      all = cloud_.read(index_.begin(begin_run), index_.begin(end_run));
+    } else {
+      all.position = cloud_.positions(index_.begin(begin_run), index_.begin(end_run));
+    }
     Array<std::uint32_t> finite(all.size());
     std::size_t count = 0;
     for (std::uint32_t i = 0; i < all.size(); ++i) {
@@ -443,7 +563,12 @@ class BlockEstimator {
   void make_room(CloudBlock& block) const {
     const std::size_t count = block.cloud.size();
     block.reach.resize(count);
+    if (pass_ == Pass::kJoins) return;
     block.estimates.normals.normal.resize(count);
+    if (pass_ == Pass::kEdges) {
+      block.edges.resize(count, std::min(kOrientationNeighbors + 1, index_.finite()));
+    }
+    if (pass_ != Pass::kSurfels) return;
     block.estimates.normals.quality.resize(count);
     block.estimates.sizes.of.resize(count);
     block.estimates.sizes.kind.resize(count);
@@ -469,6 +594,8 @@ class BlockEstimator {
     tasks[0].points = morton_order(block.cloud.position, grid_);
     if (tasks[0].points.empty()) return block;
     halos_->measure_reach(tasks[0].points, block);
+    if (pass_ == Pass::kJoins) leave_coming(begin_run, tasks[0].points);
+    if (tasks[0].points.empty()) return block;
     while (!tasks.empty()) {
       const HaloTask task = std::move(tasks.back());
       tasks.pop_back();
@@ -489,6 +616,50 @@ class BlockEstimator {
     return block;
   }
 
+  /// Leaves the points of a block around which parts may be joined.
+  void leave_coming(std::size_t begin_run, Array<std::uint32_t>& points) const {
+    Array<std::uint64_t> numbers(points.size());
+    for (std::size_t i = 0; i < points.size(); ++i) {
+      numbers[i] = index_.finite_before(begin_run) + points[i];
+    }
+    const ForestSides::Parts parts = forest_->parts_of(numbers);
+    std::size_t left = 0;
+    for (std::size_t i = 0; i < points.size(); ++i) {
+      if (forest_->comes(parts, i)) points[left++] = points[i];
+    }
+    points.resize(left);
+  }
+
+  /// Looks for edges from the wanted points that are loaded to other parts. Returns the points that
+  /// are not certain, with the regions that they need.
+  HaloTask look_for_joins(const HaloPoints& loaded, const Array<std::uint8_t>& wanted,
+                          const CloudBlock& block) {
+    const ExactSearch tree(loaded.position);
+    const HaloSearch search(tree, loaded.position, loaded.known, index_.finite(), wanted);
+    const ForestSides::Parts parts = forest_->parts_of(loaded.number);
+    find_joins(
+        {loaded.position, parts.normal, parts.part, parts.opposed, loaded.number}, search,
+        [&](std::size_t i) { return wanted[i] != 0; },
+        [&](std::size_t i) { return search.certain(i); }, *joins_);
+    return uncertain(loaded, search, wanted, block);
+  }
+
+  /// Notes the edges of the wanted points that are certain.
+  void note_edges(const HaloPoints& loaded, const HaloSearch& search,
+                  const Array<std::uint8_t>& wanted, const Array<Vec3f>& normal,
+                  BlockEdges& out) const {
+    const SurfaceEdges edges(loaded.position, normal);
+    const auto note = [&](std::size_t i, std::span<const Neighbor> near, int) {
+      if (wanted[i] == 0 || !search.certain(i) || !edges.known(i)) return;
+      for (std::size_t k = 0; k < near.size(); ++k) {
+        const std::uint32_t j = near[k].index;
+        if (j == i || !edges.known(j)) continue;
+        out.set(loaded.point[i], k, loaded.number[j], edges.weight(i, j), edges.opposed(i, j));
+      }
+    };
+    search.for_each_nearest(kOrientationNeighbors + 1, note);
+  }
+
   /// Estimates the points that are loaded, and notes the block's points that are certain. Returns
   /// the others, with the regions that they need.
   HaloTask estimate(const HaloPoints& loaded, CloudBlock& block) {
@@ -497,6 +668,7 @@ class BlockEstimator {
     Array<std::uint8_t> wanted(count);
     parallel_each(count, kLoadGrain,
                   [&](std::size_t i) { wanted[i] = loaded.point[i] != kHalo ? 1 : 0; });
+    if (pass_ == Pass::kJoins) return look_for_joins(loaded, wanted, block);
     const ExactSearch tree(position);
     const NeighborLists lists(tree, position, shared_);
     HaloSearch search(lists, position, loaded.known, index_.finite(), wanted);
@@ -509,7 +681,11 @@ class BlockEstimator {
       });
       return uncertain(loaded, search, wanted, block);
     };
-    if (normals_only_) {
+    if (pass_ == Pass::kEdges) {
+      search.next_stage();
+      note_edges(loaded, search, wanted, normals.normal, block.edges);
+    }
+    if (pass_ != Pass::kSurfels) {
       return note(
           [&](std::size_t i, std::size_t to) { out.normals.normal[to] = normals.normal[i]; });
     }
@@ -523,6 +699,13 @@ class BlockEstimator {
       turn_to_sides(position, search, loaded.previous, normals.normal, &confidence);
       totals_.method = Orientation::kWinding;
       block.components = sides_->parts();
+    } else if (along_surface()) {
+      Array<std::uint8_t> turned(count);
+      parallel_each(count, kLoadGrain,
+                    [&](std::size_t i) { turned[i] = along_surface_[loaded.number[i]] ? 1 : 0; });
+      turn_known(position, search, turned, normals.normal, &confidence);
+      totals_.method = options_.orientation.method;
+      block.components = along_surface_.parts;
     } else {
       const OrientationReport sides =
           orient_normals(position, block.cloud.origin, search, loaded.previous,
@@ -649,12 +832,18 @@ class BlockEstimator {
   std::size_t column_bytes_ = 0;  ///< Bytes of a point's columns.
   std::size_t block_runs_ = 0;    ///< Runs of a block.
   std::size_t without_normal_ = 0;
-  bool told_once_ = false;     ///< The cloud tells a viewpoint for all points.
-  bool sensors_ = false;       ///< Each point tells its sensor.
-  bool to_sensors_ = false;    ///< Normals look to what the cloud tells.
-  bool winding_ = false;       ///< Sides are told by the winding number: find_sides().
-  bool normals_only_ = false;  ///< In the pass that finds sides.
+  bool told_once_ = false;   ///< The cloud tells a viewpoint for all points.
+  bool sensors_ = false;     ///< Each point tells its sensor.
+  bool to_sensors_ = false;  ///< Normals look to what the cloud tells.
+  bool winding_ = false;     ///< Sides are told by the winding number: find_sides().
   std::optional<StoredSides> sides_;
+  std::optional<ForestSides> forest_;  ///< While sides along the surface are found.
+  TurnedPoints along_surface_;         ///< What has been found.
+  std::optional<PartJoins> joins_;     ///< In the pass that looks for them.
+  std::size_t most_loaded_ = 0;        ///< Points that memory holds at once.
+  std::uint64_t forest_memory_ = 0;    ///< Bytes for forest_.
+  std::uint64_t of_memory_ = 0;        ///< Bytes for all.
+  Pass pass_ = Pass::kSurfels;
   bool grow_in_noise_ = false;
   Vec3d sensor_{0, 0, 0};   ///< Where the points may have been seen from.
   bool at_sensor_ = false;  ///< A point is there.
@@ -678,13 +867,6 @@ std::vector<std::string> block_problems(const EstimateOptions& options) {
   refuse(options.smoothing.has_value(), "`smoothing`");
   refuse(options.edges.has_value(), "looking for `edges`");
   refuse(options.search != SearchMethod::kExact, "a `search` other than exact");
-  const OrientationOptions& orientation = options.orientation;
-  if (orientation.method == Orientation::kMst || orientation.method == Orientation::kOutward) {
-    found.emplace_back(
-        "sides that follow from edge to edge (mst, outward) cannot be found block by block: orient "
-        "by winding, up (lidar from the air), viewpoint (of scanners), align (to given normals) or "
-        "none, or let all points fit into memory");
-  }
   return found;
 }
 

@@ -49,7 +49,7 @@ SURFEL_API std::uint64_t estimate_bytes(std::size_t points, std::size_t point_by
 /// counted on the way: after a wrong guess, which a mixed cloud may cause, the blocks are made once
 /// more.
 ///
-/// In memory are 30 bytes for every 1024 points (fewer, down to 64, where blocks are small), a
+/// In memory are 38 bytes for every 1024 points (fewer, down to 64, where blocks are small), a
 /// block, and a halo of about its size at most (parts of a block are made one by one if need be).
 /// The cloud is read once, for the boxes of its runs, and then block by block; with a cloud whose
 /// consecutive points do not lie close to one another halos would be most of it, and Error(kInput)

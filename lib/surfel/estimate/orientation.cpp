@@ -13,6 +13,7 @@
 #include <surfel/estimate/place_sample.h>
 #include <surfel/estimate/spanning_forest.h>
 #include <surfel/estimate/surface_edges.h>
+#include <surfel/estimate/surface_parts.h>
 #include <surfel/estimate/winding_tiles.h>
 
 namespace surfel {
@@ -20,12 +21,6 @@ namespace {
 
 constexpr std::size_t kOrientationGrain = 1024;
 constexpr std::uint32_t kNone = std::numeric_limits<std::uint32_t>::max();
-constexpr float kLongestWeight = 65534;  ///< The largest length below NeighborGraph::kNoEdge.
-/// Parts are joined by edges below this weight, to the kJoinNeighbors nearest points, in
-/// kJoinRounds rounds: each round at least halves the parts that can be joined.
-constexpr float kJoinWeight = 0.1F;
-constexpr std::size_t kJoinNeighbors = 64;
-constexpr int kJoinRounds = 8;
 
 class Spreader {
  public:
@@ -51,7 +46,10 @@ class Spreader {
   void spread() {
     join_neighbors();
     look_up();
-    for (int round = 0; round < kJoinRounds && parts_ > 1 && join_parts(); ++round) look_up();
+    if (parts_ > 1) {
+      join_parts();
+      look_up();
+    }
     const bool right_opposed = settled_ != kNone && opposed_[settled_] != 0;
     const std::uint32_t right = settled_ == kNone ? kNone : part_[settled_];
     parallel_each(position_.size(), kOrientationGrain, [&](std::size_t i) {
@@ -76,9 +74,7 @@ class Spreader {
         for (const std::uint32_t j : graph.rows.of(i)) {
           const float w =
               j != i && known(i) && known(j) ? edges_.weight(i, j) : SurfaceEdges::kNoEdge;
-          *length++ = w == SurfaceEdges::kNoEdge
-                          ? NeighborGraph::kNoEdge
-                          : static_cast<std::uint16_t>(w * kLongestWeight + 0.5F);
+          *length++ = NeighborGraph::length_of(w);
         }
       }
     });
@@ -99,8 +95,8 @@ class Spreader {
     });
   }
 
-  /// Joins parts to other parts near them; returns whether any were joined.
-  bool join_parts() {
+  /// Joins parts to other parts near them.
+  void join_parts() {
     const std::size_t count = position_.size();
     Array<std::uint32_t> size;  // Known points of each part, by the part's root.
     size.assign(count, 0);
@@ -110,51 +106,14 @@ class Spreader {
     for (std::uint32_t i = 0; i < count; ++i) {
       if (known(i) && (largest == kNone || size[part_[i]] > size[largest])) largest = part_[i];
     }
-    struct Join {
-      float weight;
-      std::uint32_t from, to;
-    };
-    PerWorker<std::vector<Join>> found;
     const auto comes = [&](std::size_t i) { return known(i) && part_[i] != largest; };
-    const auto look = [&](std::size_t i, std::span<const Neighbor> near, int worker) {
-      Join best{kJoinWeight, static_cast<std::uint32_t>(i), kNone};
-      for (const Neighbor& n : near) {
-        if (!known(n.index) || part_[n.index] == part_[i]) continue;
-        const float w = edges_.weight(i, n.index);
-        if (w < best.weight) {
-          best.weight = w;
-          best.to = n.index;
-        }
-      }
-      if (best.to != kNone) found[worker].push_back(best);
-    };
-    if (2 * count_where(count, comes) > count) {
-      // A search for all points takes less time than one for each of most of them.
-      search_.for_each_nearest(kJoinNeighbors,
-                               [&](std::size_t i, std::span<const Neighbor> near, int worker) {
-                                 if (comes(i)) look(i, near, worker);
-                               });
-    } else {
-      PerWorker<std::vector<Neighbor>> scratch;
-      parallel_for(count, kOrientationGrain, [&](std::size_t begin, std::size_t end, int worker) {
-        for (std::size_t i = begin; i < end; ++i) {
-          if (!comes(i)) continue;
-          search_.nearest(position_[i], kJoinNeighbors, scratch[worker]);
-          look(i, scratch[worker], worker);
-        }
-      });
+    PartJoins joins{CurveOrder()};
+    find_joins(
+        {position_, normal_, part_, opposed_, {}}, search_, comes, [](std::size_t) { return true; },
+        joins);
+    for (const PartJoin& join : joins.sorted()) {
+      sets_.unite(join.from, join.to, [&] { return join.opposed; });
     }
-    std::vector<Join> joins;
-    found.for_each([&](const std::vector<Join>& some) {
-      joins.insert(joins.end(), some.begin(), some.end());
-    });
-    std::sort(joins.begin(), joins.end(), [](const Join& a, const Join& b) {
-      return a.weight != b.weight ? a.weight < b.weight : a.from < b.from;
-    });
-    for (const Join& join : joins) {
-      sets_.unite(join.from, join.to, [&] { return edges_.opposed(join.from, join.to); });
-    }
-    return !joins.empty();
   }
 
   const Array<Vec3f>& position_;
@@ -168,62 +127,34 @@ class Spreader {
   std::size_t parts_ = 0;
 };
 
-/// Directions that the extreme points of a part are looked for in.
-std::vector<Vec3f> probes(Orientation method) {
-  if (method != Orientation::kOutward) return {Vec3f(0, 0, 1)};
-  std::vector<Vec3f> out;
-  for (const float x : {-1.0F, 0.0F, 1.0F}) {
-    for (const float y : {-1.0F, 0.0F, 1.0F}) {
-      for (const float z : {-1.0F, 0.0F, 1.0F}) {
-        const Vec3f d(x, y, z);
-        if (!d.isZero(0)) out.push_back(d.normalized());
-      }
-    }
-  }
-  return out;
-}
-
-/// Turns whole parts, except the part `settled`, so that the furthest point of a part in a probed
-/// direction looks there, by the sum over the directions.
+/// Turns whole parts, except the part `settled`, see PartVotes.
+/// \param before  whether the x of each normal had a sign before any was turned.
 void turn_parts(const Array<Vec3f>& position, const Array<std::uint32_t>& part,
-                std::uint32_t settled, Orientation method, Array<Vec3f>& normal) {
+                std::uint32_t settled, Orientation method, const Array<std::uint8_t>& before,
+                Array<Vec3f>& normal) {
   const std::size_t count = position.size();
   Array<std::uint32_t> number(count);
   std::uint32_t parts = 0;
   for (std::uint32_t i = 0; i < count; ++i) {
-    if (part[i] == i) number[i] = parts++;
+    if (part[i] == i && i != settled && !normal[i].isZero(0)) number[i] = parts++;
   }
-  std::vector<double> vote(parts);
-  for (const Vec3f& d : probes(method)) {
-    // The furthest point of each part; of several, the first.
-    const auto further = [&](std::uint32_t i, std::uint32_t j) {
-      const float a = position[i].dot(d);
-      const float b = position[j].dot(d);
-      return a > b || (a == b && i < j);
-    };
-    const auto keep_further = [&](std::uint32_t i, std::uint32_t& at) {
-      if (at == kNone || further(i, at)) at = i;
-    };
-    PerWorker<std::vector<std::uint32_t>> extreme(
-        [&] { return std::make_unique<std::vector<std::uint32_t>>(parts, kNone); });
-    parallel_for(count, kOrientationGrain, [&](std::size_t begin, std::size_t end, int worker) {
-      std::vector<std::uint32_t>& most = extreme[worker];
-      for (std::size_t i = begin; i < end; ++i) {
-        if (!normal[i].isZero(0))
-          keep_further(static_cast<std::uint32_t>(i), most[number[part[i]]]);
-      }
-    });
-    for (std::uint32_t n = 0; n < parts; ++n) {
-      std::uint32_t at = kNone;
-      extreme.for_each([&](const std::vector<std::uint32_t>& most) {
-        if (most[n] != kNone) keep_further(most[n], at);
-      });
-      if (at != kNone) vote[n] += static_cast<double>(normal[at].dot(d));
-    }
+  Array<std::uint32_t> voting(count);
+  Array<std::uint8_t> turned(count);
+  parallel_each(count, kOrientationGrain, [&](std::size_t i) {
+    const bool votes = !normal[i].isZero(0) && part[i] != settled;
+    voting[i] = votes ? number[part[i]] : PartVotes::kNoPart;
+    turned[i] = (std::signbit(normal[i].x()) ? 1 : 0) != before[i] ? 1 : 0;
+  });
+  std::vector<bool> turn;
+  while (turn.size() < parts) {
+    const std::size_t some = std::min(PartVotes::parts(method), parts - turn.size());
+    PartVotes votes(method, static_cast<std::uint32_t>(turn.size()), some, CurveOrder());
+    votes.add({position, normal, voting, turned});
+    const std::vector<bool> told = votes.turned();
+    turn.insert(turn.end(), told.begin(), told.end());
   }
   parallel_each(count, kOrientationGrain, [&](std::size_t i) {
-    if (normal[i].isZero(0) || part[i] == settled) return;
-    if (vote[number[part[i]]] < 0) normal[i] = -normal[i];
+    if (voting[i] != PartVotes::kNoPart && turn[voting[i]]) normal[i] = -normal[i];
   });
 }
 
@@ -317,6 +248,16 @@ void turn_to_sides(const Array<Vec3f>& position, const NeighborSearch& search,
   multiply_agreement(position, search, normal, *confidence);
 }
 
+void turn_known(const Array<Vec3f>& position, const NeighborSearch& search,
+                const Array<std::uint8_t>& turned, Array<Vec3f>& normal, Array<float>* confidence) {
+  parallel_each(position.size(), kOrientationGrain, [&](std::size_t i) {
+    if (turned[i] != 0) normal[i] = -normal[i];
+  });
+  if (!confidence) return;
+  confidence->assign(position.size(), 1);
+  multiply_agreement(position, search, normal, *confidence);
+}
+
 OrientationReport orient_normals(const Array<Vec3f>& position, const Vec3d& origin,
                                  const NeighborSearch& search, const Array<Vec3f>& previous,
                                  const OrientationOptions& options, Array<Vec3f>& normal,
@@ -373,7 +314,7 @@ OrientationReport orient_normals(const Array<Vec3f>& position, const Vec3d& orig
       report.components = spreader.parts();
       const Array<std::uint32_t>& part = spreader.part();
       const std::uint32_t settled = spreader.settled() == kNone ? kNone : part[spreader.settled()];
-      turn_parts(position, part, settled, options.method, normal);
+      turn_parts(position, part, settled, options.method, before, normal);
       if (confidence) {
         confidence->assign(count, 1);
         multiply_agreement(position, search, normal, *confidence);

@@ -63,7 +63,8 @@ struct OrientationReport {
 /// chance. The tree is found on weights of 16 bits; signs are parities of its sets
 /// (spanning_forest.h), so that the tree itself is never stored: 2 bytes an edge and about 30 a
 /// point besides the search and its rows. Parts that the graph leaves apart (scan lines) are joined
-/// where among the 64 nearest points an edge of weight below 0.1 leads to another part.
+/// along the minimum spanning forest of the edges of weight below 0.1 that lead from points of all
+/// parts but the largest to another part, among the 64 nearest points.
 ///
 /// kWinding cuts the points into sheets first, of winding_cell_points() times four points at least
 /// (point_sheets.h), tile by tile (winding_tiles.h), and turns whole sheets.
@@ -92,5 +93,12 @@ SURFEL_API OrientationReport orient_normals(const Array<Vec3f>& position, const 
 SURFEL_API void turn_to_sides(const Array<Vec3f>& position, const NeighborSearch& search,
                               const Array<Vec3f>& side, Array<Vec3f>& normal,
                               Array<float>* confidence = nullptr);
+
+/// Turns normals that are known to be on the wrong side, as kMst and kOutward do in the end.
+/// \param turned  by point: 1 to turn the normal; 0 of points without a normal.
+/// \param confidence  if not null, as orient_normals() has it with kMst.
+SURFEL_API void turn_known(const Array<Vec3f>& position, const NeighborSearch& search,
+                           const Array<std::uint8_t>& turned, Array<Vec3f>& normal,
+                           Array<float>* confidence = nullptr);
 
 }  // namespace surfel

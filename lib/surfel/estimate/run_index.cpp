@@ -28,6 +28,11 @@ void RunIndex::add(const Array<Vec3f>& piece) {
 
 void RunIndex::finish() {
   tree_ = Tree(runs_.size(), [&](std::size_t run) { return runs_[run].box; });
+  std::uint64_t before = 0;
+  for (const Run& run : runs_) {
+    finite_before_.push_back(before);
+    before += run.finite;
+  }
 }
 
 std::size_t RunIndex::median_meeting() const {

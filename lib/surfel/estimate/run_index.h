@@ -37,11 +37,14 @@ struct RunBox {
 };
 
 /// Runs of consecutive points of a cloud, with their boxes: what is kept in memory of points that
-/// are not. 30 bytes a run.
+/// are not. 38 bytes a run.
 class SURFEL_API RunIndex {
  public:
   /// Points of a run; only the cloud's last one has fewer.
   explicit RunIndex(std::size_t length) : length_(length) {}
+
+  /// Bytes that a run takes.
+  static constexpr std::size_t kRunBytes = 38;
 
   struct Run {
     RunBox box;                ///< Of the finite points.
@@ -62,6 +65,8 @@ class SURFEL_API RunIndex {
   /// some.
   std::size_t median_meeting() const;
   const Run& operator[](std::size_t run) const { return runs_[run]; }
+  /// How many finite points come before those of a run; not before finish().
+  std::uint64_t finite_before(std::size_t run) const { return finite_before_[run]; }
   /// The boxes of the runs, for searches; empty before finish().
   const Tree& tree() const { return tree_; }
   /// First point of a run, or the end of the last one.
@@ -72,6 +77,7 @@ class SURFEL_API RunIndex {
   std::size_t points_ = 0;
   std::size_t finite_ = 0;
   std::vector<Run> runs_;
+  std::vector<std::uint64_t> finite_before_;
   Tree tree_;
 };
 

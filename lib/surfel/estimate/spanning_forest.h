@@ -73,10 +73,15 @@ class SURFEL_API SignedSets {
 /// list each other is there from both ends with the same length, or from neither end.
 struct NeighborGraph {
   static constexpr std::uint16_t kNoEdge = std::numeric_limits<std::uint16_t>::max();
+  static constexpr float kLongestWeight = 65534;  ///< The largest length below kNoEdge.
   NeighborRows rows;
   Array<std::uint16_t> length;
   std::uint16_t limit = kNoEdge;  ///< Edges of this length, and longer ones, are not there.
 
+  /// The length that stands for a weight in 0..1; larger weights are no edge.
+  static std::uint16_t length_of(float weight) {
+    return weight > 1 ? kNoEdge : static_cast<std::uint16_t>(weight * kLongestWeight + 0.5F);
+  }
   std::size_t degree() const { return rows.count; }
   std::uint32_t to(std::size_t e) const {
     return rows.index[e / degree() * rows.stride + e % degree()];
@@ -96,5 +101,9 @@ struct NeighborGraph {
 SURFEL_API void unite_spanning_forest(const NeighborGraph& graph, bool joined,
                                       FunctionRef<bool(std::uint32_t, std::uint32_t)> opposed,
                                       SignedSets& sets);
+
+/// The numbers of the edges of that forest, in their order: by length, then number. Points that
+/// list each other stand there once.
+SURFEL_API Array<std::uint64_t> spanning_forest_edges(const NeighborGraph& graph);
 
 }  // namespace surfel

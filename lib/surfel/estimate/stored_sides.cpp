@@ -23,7 +23,8 @@ std::optional<WindingGrid> grid_of_tiles(std::size_t count, std::size_t tile_poi
 StoredSides::StoredSides(const RunIndex& index, std::size_t tile_points,
                          std::span<const Vec3f> sample, const NearestPlaces& nearest,
                          const std::string& beside)
-    : tile_points_(tile_points),
+    : index_(index),
+      tile_points_(tile_points),
       tiles_(index.finite(), grid_of_tiles(index.finite(), tile_points, sample, nearest)),
       points_(beside) {
   const std::uint64_t needed = index.finite() * sizeof(Point);
@@ -33,11 +34,6 @@ StoredSides::StoredSides(const RunIndex& index, std::size_t tile_points,
                                  "another method",
                                  index.finite(), static_cast<double>(needed) / 1e9,
                                  static_cast<double>(points_.free_bytes()) / 1e9));
-  }
-  std::uint64_t before = 0;
-  for (std::size_t run = 0; run < index.size(); ++run) {
-    first_.push_back(before);
-    before += index[run].finite;
   }
 }
 
@@ -87,7 +83,8 @@ Array<Vec3f> StoredSides::of(const Array<Vec3f>& position, std::size_t run) cons
   out.assign(position.size(), Vec3f::Zero());
   const auto finite = [&](std::size_t i) { return position[i].allFinite(); };
   Array<Point> points(count_where(position.size(), finite));
-  points_.read_at(first_[run] * sizeof(Point), points.data(), points.size() * sizeof(Point));
+  points_.read_at(index_.finite_before(run) * sizeof(Point), points.data(),
+                  points.size() * sizeof(Point));
   const Point* next = points.data();
   for (std::size_t i = 0; i < position.size(); ++i) {
     if (!finite(i)) continue;

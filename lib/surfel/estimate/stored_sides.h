@@ -46,11 +46,11 @@ class StoredSides {
   };
   void cut_tile();
 
+  const RunIndex& index_;
   std::size_t tile_points_;
   WindingTiles tiles_;
-  ScratchFile points_;                ///< A Point of each finite point.
-  std::vector<std::uint64_t> first_;  ///< Of each run: how many finite points come before it.
-  Array<Vec3f> position_, normal_;    ///< The points of the tile that has come so far.
+  ScratchFile points_;              ///< A Point of each finite point.
+  Array<Vec3f> position_, normal_;  ///< The points of the tile that has come so far.
 };
 
 }  // namespace surfel

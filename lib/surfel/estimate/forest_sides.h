@@ -1,0 +1,201 @@
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include <surfel/base/morton.h>
+#include <surfel/base/peers.h>
+#include <surfel/base/scratch_file.h>
+#include <surfel/base/types.h>
+#include <surfel/estimate/orientation.h>
+#include <surfel/estimate/spanning_forest.h>
+#include <surfel/estimate/surface_parts.h>
+
+namespace surfel {
+
+/// Edges from the points of a block to their nearest points, a row a point, as the graph of
+/// orient_normals() has them.
+struct BlockEdges {
+  std::size_t degree = 0;       ///< Edges of a row, kOrientationNeighbors + 1 at most.
+  Array<std::uint64_t> to;      ///< Among the finite points of the cloud.
+  Array<std::uint16_t> length;  ///< As NeighborGraph has it.
+  Array<std::uint16_t>
+      opposed;  ///< By point: bit k is set where the signs of edge k's ends differ.
+
+  /// Makes room for so many points without edges.
+  void resize(std::size_t points, std::size_t edges);
+  void set(std::size_t point, std::size_t k, std::uint64_t to_number, float weight, bool differ);
+};
+
+/// What may be in the forest of the whole cloud, of a block of consecutive points. An edge that
+/// closes a cycle of shorter edges of the block's points is in no forest.
+class BlockForest {
+ public:
+  /// \param first  number of the block's first point among the finite points of the cloud.
+  /// \param grid   of the cloud.
+  static BlockForest of(const Array<Vec3f>& position, const Array<Vec3f>& normal,
+                        const BlockEdges& edges, std::uint64_t first, const MortonGrid& grid);
+  /// As bytes for another process, and back.
+  Bytes bytes() const;
+  static BlockForest of(const Bytes& bytes);
+
+ private:
+  friend class ForestSides;
+  struct Point {
+    Vec3f position, normal;
+  };
+  /// An edge within the block, whose points are counted from its first.
+  struct InnerEdge {
+    std::uint32_t from, to;
+    std::uint16_t length;
+    std::uint8_t place;  ///< Within the row.
+    std::uint8_t differ;
+  };
+  /// An edge of the whole graph, with what its place in the order is told from.
+  struct Edge {
+    Vec3f position;  ///< Of the point that lists it.
+    std::uint16_t length;
+    std::uint8_t place;  ///< Within the row.
+    std::uint8_t differ;
+    std::uint64_t number;               ///< Of the point that lists it.
+    std::array<std::uint32_t, 2> ends;  ///< The other point's number, its lower half first; borders
+                                        ///< or sets in ForestSides::unite().
+  };
+  std::vector<Point> points_;
+  std::vector<InnerEdge> inner_;  ///< Ascending.
+  std::vector<Edge> leaving_;     ///< To other blocks.
+};
+
+/// Which points' normals have to be turned.
+struct TurnedPoints {
+  std::size_t parts = 0;              ///< Of the surface.
+  std::vector<std::uint64_t> turned;  ///< A bit a point.
+
+  /// By the point's number among the finite points of the cloud.
+  bool operator[](std::uint64_t number) const {
+    return (turned[number / 64] >> number % 64 & 1) != 0;
+  }
+};
+
+/// Sides that spread from edge to edge (kMst, kOutward) of a cloud that is not in memory, the same
+/// as orient_normals() finds: the minimum spanning forest does not depend on the blocks.
+///
+/// The forests of blocks wait on scratch files, but for the edges to other blocks, which are in
+/// memory. Once all of these are known, points of a block are united along the edges that are the
+/// shortest of all edges that leave a set of points [Boruvka 1926]. Such sets hold a point at the
+/// block's border each, or are whole parts. Kruskal's algorithm unites them along the other edges.
+///
+/// To be called in this order: add() for all blocks, unite(), then, if looks_for_joins(), joins()
+/// for blocks and join(), and turn(). Where that takes more memory than is given, Error(kUsage)
+/// says how much is needed.
+class ForestSides {
+ public:
+  struct Options {
+    Orientation method = Orientation::kMst;
+    std::uint64_t memory = 0;     ///< Bytes that may be taken.
+    std::uint64_t of_memory = 0;  ///< Bytes of which `memory` is the part for sides, for messages.
+    std::string beside;           ///< File on whose disk the scratch files are.
+  };
+  /// \param count  finite points of the cloud. Throws Error(kIo) where the disk has no room.
+  ForestSides(std::size_t count, const MortonGrid& grid, Options options);
+
+  /// Bytes that a point takes on the disk.
+  static constexpr std::uint64_t bytes_on_disk() {
+    return sizeof(Point) + sizeof(InnerEdge) + sizeof(PointSet);
+  }
+
+  /// Adds the next block of the cloud.
+  void add(const BlockForest& block);
+  /// Unites the points along the forest.
+  void unite();
+
+  /// Are there parts that may be joined?
+  bool looks_for_joins() const { return part_points_.size() > 1; }
+  /// Points in memory, with what find_joins() asks for.
+  struct Parts {
+    Array<Vec3f> normal;
+    Array<std::uint32_t> part;
+    Array<std::uint8_t> opposed;
+  };
+  /// The parts of points, by their numbers; after unite().
+  Parts parts_of(std::span<const std::uint64_t> numbers) const;
+  bool comes(const Parts& parts, std::size_t i) const {
+    return parts.part[i] != PartVotes::kNoPart && parts.part[i] != largest_;
+  }
+  PartJoins joins() const { return PartJoins(order_); }
+  /// Unites parts.
+  void join(const PartJoins& joins);
+
+  /// Turns the parts.
+  TurnedPoints turn() const;
+
+ private:
+  using Point = BlockForest::Point;
+  using InnerEdge = BlockForest::InnerEdge;
+  using Edge = BlockForest::Edge;
+  /// A point that an edge to another block leads from or to.
+  struct Border {
+    std::uint64_t number;
+    std::uint32_t shortest;  ///< Of edges_.
+    std::uint32_t set;
+    std::uint8_t opposed;
+  };
+  struct Block {
+    std::size_t begin = 0, end = 0;         ///< Points.
+    std::uint64_t edges_at = 0, edges = 0;  ///< Offset on the scratch file, and how many.
+  };
+  /// A set of points with one side.
+  struct Set {
+    std::uint32_t part;
+    std::uint8_t opposed;  ///< The set's sign is the other than its part's.
+  };
+
+  /// Where a point stands.
+  struct PointSet {
+    std::uint32_t bits = ~std::uint32_t{0};
+
+    static PointSet of(std::uint32_t set, bool opposed) { return {set << 1 | (opposed ? 1U : 0U)}; }
+    std::uint32_t set() const { return bits >> 1; }
+    /// Is its sign the other than its set's?
+    bool opposed() const { return (bits & 1) != 0; }
+  };
+  /// Of points without a normal.
+  static constexpr std::uint32_t kNoSet = (std::uint32_t{1} << 31) - 1;
+
+  bool before(const Edge& a, const Edge& b) const;
+  void find_borders();
+  void contract(const Block& block, std::span<Border> borders);
+  void number_parts(SignedSets& united);
+  void find_largest();
+  void require_memory(double share_done) const;
+  template <class Body>
+  void for_each_block(const Body& body) const;
+  std::uint32_t part_of(PointSet at) const {
+    return at.set() == kNoSet ? PartVotes::kNoPart : sets_[at.set()].part;
+  }
+  std::uint8_t opposed(PointSet at) const {
+    return at.set() != kNoSet && at.opposed() != (sets_[at.set()].opposed != 0) ? 1 : 0;
+  }
+
+  std::size_t count_;
+  CurveOrder order_;
+  Options options_;
+  std::size_t added_ = 0;
+  std::vector<Block> blocks_;
+  ScratchFile points_;                ///< A Point of each.
+  std::optional<ScratchFile> inner_;  ///< Inner edges, block by block.
+  ScratchFile point_set_;             ///< A PointSet of each point.
+  std::vector<Edge> edges_;  ///< The edges between blocks; in unite() also the ones left in blocks.
+  std::vector<Border> borders_;
+  std::vector<std::uint32_t> set_points_;  ///< By set.
+  std::vector<Set> sets_;
+  std::vector<std::uint64_t> part_points_;
+  std::uint32_t largest_ = PartVotes::kNoPart;
+};
+
+}  // namespace surfel
