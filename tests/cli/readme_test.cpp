@@ -22,10 +22,12 @@ namespace fs = std::filesystem;
 
 const fs::path kRoot = SURFEL_SOURCE_DIR;
 
-/// Commands that build the project or run its own tests: these are what the test stands in.
+/// Commands that build the project or run its own tests, which are what the test stands in, and
+/// commands that install: tests/packages.sh does that in another root.
 const std::vector<std::string>& excepted() {
   static const std::vector<std::string> kStarts = {"samples/demo.sh", "tests/run.sh",
-                                                   "cmake --preset release "};
+                                                   "cmake --preset release ", "packaging/build.sh",
+                                                   "sudo apt install "};
   return kStarts;
 }
 
