@@ -1,20 +1,20 @@
 #!/usr/bin/env bash
 # Checks the Debian packages: that packing gives the same bytes again, what lintian finds, that they install and work on a
 # clean Debian, without what was here when they were built.
-#   tests/packages.sh [BUILD] [--dev] [--twice]
+#   tests/packages.sh [BUILD] [--all] [--twice]
 # BUILD    a build tree to pack, such as build/ci; default: build/package, which packaging/build.sh makes first
-# --dev    a program is compiled against libsurfel-dev as well, which installs a compiler
+# --all    the plug-ins that need hundreds of megabytes work as well, and a program is compiled against libsurfel-dev
 # --twice  all is built again by the Dockerfile where Docker is at hand, else by its steps in a clean Debian, and has the
 #          same bytes (those of the default BUILD)
 # Needs the rights of root, for chroot. The clean Debian is kept in $TMPDIR for the next time.
 set -euo pipefail
 source "$(dirname "${BASH_SOURCE[0]}")/support/setup.sh"
 build=
-dev=
+all=
 twice=
 for argument in "$@"; do
   case $argument in
-    --dev) dev=1 ;;
+    --all) all=1 ;;
     --twice) twice=1 ;;
     *) build=$(realpath "$argument") ;;
   esac
@@ -131,13 +131,22 @@ work_with_plugins() {
     ! surfel-render --mesh /spot.obj -o spot.png 2>message
     grep "install the package libsurfel0-plugin-trace," message
     surfel-info /spot.obj 2>&1 | grep "install the package libsurfel0-plugin-openmesh,"'
-  install libsurfel0-plugin-{image,trace,openmesh,flann}
+  install libsurfel0-plugin-{trace,openmesh,flann}
   run '
-    surfel-render sphere.ply -o sphere.jpg --size 64x64
     surfel-render --mesh /spot.obj -o spot.png --size 64x64
     surfel-info /spot.obj | grep genus
     surfel-estimate /milk.ply --search flann -o milk.ply'
   say "worked with plug-ins"
+}
+work_with_heavy_plugins() {
+  install libsurfel0-plugin-{image,pcd,gltf,filters,ceres,icp,mpi} surfelkit-view surfelkit-doc
+  run '
+    surfel-render sphere.ply -o sphere.jpg --size 64x64
+    surfel-estimate /milk.ply --smooth mls -o milk.ply
+    surfel-view sphere.ply -o sphere.html
+    cd /usr/share/doc/surfelkit
+    surfel-render samples/spot.obj --image samples/spot.png -o /tmp/spot.png'
+  say "worked with all plug-ins"
 }
 
 # A program outside is built and runs.
@@ -159,5 +168,8 @@ make_root root
 "${sudo[@]}" cp -r "$work/packages" "$surfel_root"/{packaging/install.sh,tests/consumer,samples/milk.ply,samples/spot.obj} "$work/root"
 work_with_the_core
 work_with_plugins
-if [ -n "$dev" ]; then work_with_the_library; fi
+if [ -n "$all" ]; then
+  work_with_heavy_plugins
+  work_with_the_library
+fi
 if [ -n "$twice" ]; then build_again; fi
