@@ -253,7 +253,8 @@ Json describe_mesh(const std::string& file, const Tool& tool) {
   if (surfel::has_plugin("openmesh")) {
     describe_topology(mesh, out);
   } else {
-    tool.note(file + ": its half-edges are not described; Surfelkit was built without OpenMesh");
+    tool.note(file + ": its half-edges are not described; for these " +
+              surfel::plugin_advice("openmesh"));
   }
   out["next"] = surfel::picture_command(file);
   return out;

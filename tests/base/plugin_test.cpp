@@ -33,9 +33,9 @@ TEST(Plugin, WithoutANumberIsRefused) {
 }
 
 TEST(Plugin, ThatIsMissingOrLacksAFunctionIsAnErrorThatNamesIt) {
-  EXPECT_NE(test::message_of([] {
-              plugin_symbol("nowhere", "f");
-            }).find("libsurfel_nowhere.so: is missing; build or install Surfelkit with"),
+  EXPECT_NE(test::message_of([] { plugin_symbol("nowhere", "f"); })
+                .find("libsurfel_nowhere.so: is missing; install the package "
+                      "libsurfel0-plugin-nowhere, or build"),
             std::string::npos);
   EXPECT_FALSE(has_plugin("nowhere"));
   EXPECT_TRUE(has_plugin("image"));

@@ -36,10 +36,12 @@ struct Document {
   Parts shortened = {};  ///< Parts of commands, and what is run in their stead.
 };
 
-/// Commands that build the project or run its own tests: these are what the test stands in.
+/// Commands that build the project or run its own tests, which are what the test stands in, and
+/// commands that install: tests/packages.sh does that in another root.
 const std::vector<std::string>& excepted() {
   static const std::vector<std::string> kStarts = {"samples/demo.sh", "tests/run.sh",
-                                                   "cmake --preset release "};
+                                                   "cmake --preset release ", "packaging/build.sh",
+                                                   "sudo apt install "};
   return kStarts;
 }
 

@@ -9,11 +9,17 @@ surfel_demo_packages=(
   g++ cmake ninja-build pkg-config
   libcli11-dev libcpp-httplib-dev libeigen3-dev libfmt-dev libhwy-dev libpng-dev libpugixml-dev libtbb-dev libtomlplusplus-dev libzstd-dev nlohmann-json3-dev zlib1g-dev
 )
-surfel_packages=(
-  "${surfel_demo_packages[@]}"
-  # The plug-ins. CMake finds OpenImageIO only where its tools are, too.
+# The plug-ins. CMake finds OpenImageIO only where its tools are, too.
+surfel_plugin_packages=(
   libceres-dev libdraco-dev libembree-dev libflann-dev libimath-dev liblz4-dev libmeshoptimizer-dev
   libopenimageio-dev libopenmesh-dev libopenmpi-dev libpcl-dev openimageio-tools openmpi-bin
+)
+# What CPack makes packages with (packaging/build.sh), and what they are checked with (tests/packages.sh).
+surfel_packaging_packages=(dpkg-dev file)
+surfel_packages_check_packages=(debootstrap lintian)
+surfel_packages=(
+  "${surfel_demo_packages[@]}"
+  "${surfel_plugin_packages[@]}"
   # surfel-chart draws its plots with it.
   gnuplot-nox
   # surfel-render joins pictures to films with it.

@@ -8,6 +8,7 @@
 #include <surfel/base/parallel.h>
 #include <surfel/base/plugin.h>
 #include <surfel/base/thread_limits.h>
+#include <surfel/base/version.h>
 #include <unistd.h>
 
 namespace surfel {
@@ -24,19 +25,19 @@ std::string library_folder() {
 
 std::string plugin_file(const std::string& name) { return "libsurfel_" + name + ".so"; }
 
+bool exists(const std::string& path) { return access(path.c_str(), F_OK) == 0; }
+
 /// First of the places where the plug-in's file is; the place of an installed one if it is nowhere.
 std::string plugin_path(const std::string& file) {
   const std::string folder = library_folder();
   const std::string beside = folder + "/" + file;
-  return access(beside.c_str(), F_OK) == 0 ? beside : folder + "/surfel/" + file;
+  return exists(beside) ? beside : folder + "/surfel/" + file;
 }
 
 }  // namespace
 
 void* open_plugin(const std::string& path) {
-  if (access(path.c_str(), F_OK) != 0) {
-    throw_io(path, "is missing; build or install Surfelkit with this plug-in (SURFEL_PLUGINS)");
-  }
+  if (!exists(path)) throw_io(path, "is missing");
   // Libraries that plug-ins load end the process, or wait for ever, where a thread of theirs fails
   // to start: OpenBLAS has one for each core, OpenEXR and oneTBB as many as loops have, log4cplus
   // four.
@@ -66,8 +67,12 @@ void* open_plugin(const std::string& path) {
   return handle;
 }
 
-bool has_plugin(const std::string& name) {
-  return access(plugin_path(plugin_file(name)).c_str(), F_OK) == 0;
+bool has_plugin(const std::string& name) { return exists(plugin_path(plugin_file(name))); }
+
+std::string plugin_advice(const std::string& name) {
+  const std::string number = version();
+  return "install the package libsurfel" + number.substr(0, number.find('.')) + "-plugin-" + name +
+         ", or build Surfelkit with this plug-in (SURFEL_PLUGINS)";
 }
 
 void* plugin_symbol(const std::string& name, const char* symbol) {
@@ -76,7 +81,11 @@ void* plugin_symbol(const std::string& name, const char* symbol) {
   const std::lock_guard lock(mutex);
   void*& handle = loaded[name];
   const std::string file = plugin_file(name);
-  if (!handle) handle = open_plugin(plugin_path(file));
+  if (!handle) {
+    const std::string path = plugin_path(file);
+    if (!exists(path)) throw_io(path, "is missing; " + plugin_advice(name));
+    handle = open_plugin(path);
+  }
   void* address = dlsym(handle, symbol);
   if (!address) throw_io(file, std::string("has no function ") + symbol + "; reinstall Surfelkit");
   return address;

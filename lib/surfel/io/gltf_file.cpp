@@ -125,9 +125,8 @@ std::uint64_t most_elements(const MeshoptWork& work) {
 /// A function of the plug-in.
 void* decoder(const JsonView& extension, const char* symbol) {
   if (!has_plugin("gltf")) {
-    extension.fail(
-        "cannot be decoded, as Surfelkit was built without the plug-in gltf; export the "
-        "file without compression");
+    extension.fail("cannot be decoded without a plug-in; " + plugin_advice("gltf") +
+                   ", or export the file without compression");
   }
   return plugin_symbol("gltf", symbol);
 }

@@ -307,9 +307,8 @@ void PcdFile::read_compressed() {
   }
   if (table_.count == 0) return;
   if (!has_plugin("pcd")) {
-    throw_input(file_.name(),
-                "its points are compressed, which needs the plug-in libsurfel_pcd.so that this "
-                "Surfelkit has been built without; save it with DATA binary");
+    throw_input(file_.name(), "its points are compressed, which needs a plug-in; " +
+                                  plugin_advice("pcd") + ", or save the file with DATA binary");
   }
   PcdDecompression work{reinterpret_cast<const unsigned char*>(file_.bytes().data()), body_begin_};
   const auto decompress =
