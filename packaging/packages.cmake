@@ -122,5 +122,15 @@ use it, and the samples that the commands of the pages work on.")
 set(CPACK_DEBIAN_DOCUMENTS_PACKAGE_ARCHITECTURE all)
 set(CPACK_DEBIAN_DOCUMENTS_PACKAGE_SHLIBDEPS OFF)
 
-# The package of another component, such as the Python module, is one more surfel_package().
+if(SURFEL_BUILD_PYTHON)
+  find_package(Python3 REQUIRED COMPONENTS Interpreter)
+  math(EXPR next_minor "${Python3_VERSION_MINOR} + 1")
+  surfel_package(python python3-surfelkit python "surfel splatting, the Python module"
+"This package holds the module surfelkit, which reads, estimates, samples,
+textures, draws and compares, with NumPy arrays in and out."
+  COMPONENTS library
+  DEPENDS "python3 (>= ${Python3_VERSION_MAJOR}.${Python3_VERSION_MINOR})"
+          "python3 (<< ${Python3_VERSION_MAJOR}.${next_minor})" python3-numpy)
+endif()
+
 include(CPack)

@@ -138,6 +138,16 @@ work_with_plugins() {
     surfel-estimate /milk.ply --search flann -o milk.ply'
   say "worked with plug-ins"
 }
+work_with_python() {
+  install python3-surfelkit
+  run '
+    python3 -c "
+import numpy, surfelkit
+surfels = surfelkit.estimate(surfelkit.SurfelCloud.from_arrays(numpy.random.default_rng(1).random((5000, 3))))
+surfelkit.write(\"python.png\", surfelkit.render(surfels, size=(64, 64)))"
+    head -c 4 python.png | grep -q PNG'
+  say "worked with the Python module"
+}
 work_with_heavy_plugins() {
   install libsurfel0-plugin-{image,pcd,gltf,filters,ceres,icp,mpi} surfelkit-view surfelkit-doc
   run '
@@ -168,6 +178,7 @@ make_root root
 "${sudo[@]}" cp -r "$work/packages" "$surfel_root"/{packaging/install.sh,tests/consumer,samples/milk.ply,samples/spot.obj} "$work/root"
 work_with_the_core
 work_with_plugins
+work_with_python
 if [ -n "$all" ]; then
   work_with_heavy_plugins
   work_with_the_library

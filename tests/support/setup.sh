@@ -14,6 +14,8 @@ surfel_plugin_packages=(
   libceres-dev libdraco-dev libembree-dev libflann-dev libimath-dev liblz4-dev libmeshoptimizer-dev
   libopenimageio-dev libopenmesh-dev libopenmpi-dev libpcl-dev openimageio-tools openmpi-bin
 )
+# The Python module.
+surfel_python_packages=(pybind11-dev python3-dev)
 # What CPack makes packages with (packaging/build.sh), and what they are checked with (tests/packages.sh).
 surfel_packaging_packages=(dpkg-dev file)
 surfel_packages_check_packages=(debootstrap lintian)
@@ -24,8 +26,9 @@ surfel_packages=(
   gnuplot-nox
   # surfel-render joins pictures to films with it.
   ffmpeg
-  # The Python module, and its tests.
-  pybind11-dev python3-dev python3-numpy python3-pytest
+  "${surfel_python_packages[@]}"
+  # Its tests.
+  python3-numpy python3-pytest
   # Tests and checks.
   libgtest-dev librapidcheck-dev clang-format-14 clang-tidy-14
   # Pages are compared with pictures in it.
