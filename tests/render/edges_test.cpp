@@ -86,6 +86,20 @@ TEST(Edges, OfAHalfPlaneAreWhereTheMeshEnds) {
   }
 }
 
+/// A line may stand in either pair of columns.
+TEST(Edges, MayBeOfTheSecondLineAlone) {
+  SurfelCloud first = fibonacci_sphere(500, 1);
+  for (const Vec3f& n : first.normal) {
+    first.clip1.push_back(n.cross(Vec3f(0.3F, 1, 0.2F)).normalized());
+    first.clip1_distance.push_back(0.01F);
+  }
+  SurfelCloud second = first;
+  std::swap(second.clip1, second.clip2);
+  std::swap(second.clip1_distance, second.clip2_distance);
+  const Camera camera = camera_at(3, 64);
+  EXPECT_TRUE(render_unlit(first, camera).data == render_unlit(second, camera).data);
+}
+
 /// Corners of 90 and of 50 degrees: the sum of alpha is the area.
 TEST(Edges, OfAWedgeEncloseItsArea) {
   for (const double degrees : {90.0, 50.0}) {

@@ -110,7 +110,7 @@ class SURFEL_API RenderCloud final : public ClusterStore {
   /// Are there normals for shading that are not the discs' own?
   bool has_shading() const { return !shading_x.empty(); }
   /// May there be surfels that are cut by half-planes?
-  bool has_clips() const { return !clip[0].x.empty(); }
+  bool has_clips() const { return !clip[0].x.empty() || !clip[1].x.empty(); }
   /// Does a half-plane cut a surfel?
   static bool clips(const ClipColumns& columns, std::size_t surfel) {
     return !columns.x.empty() &&
@@ -165,7 +165,7 @@ class SURFEL_API RenderCloud final : public ClusterStore {
   Array<float> deviation_v;  ///< Only if anisotropic().
   Array<float> tangent_x, tangent_y, tangent_z;  ///< Only if anisotropic().
   Array<float> area;
-  std::array<ClipColumns, 2> clip;  ///< Only if has_clips(); the second only if the cloud has it.
+  std::array<ClipColumns, 2> clip;  ///< Each only if the cloud has it.
   Array<float> red, green, blue;
   Array<float> alpha;             ///< Only if transparent().
   Array<std::uint16_t> material;  ///< Only if the cloud has materials.
