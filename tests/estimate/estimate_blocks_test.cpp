@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstring>
 #include <limits>
 #include <numeric>
@@ -309,6 +310,10 @@ TEST(EstimateBlocks, SidesAlongTheSurfaceAreOfTheWholeSurface) {
   }
 }
 
+TEST(EstimateBlocks, SmallBlocksOfAnyOrderAreFinished) {
+  expect_same(sorted_otherwise(several_parts(1800)), up(), {{250}});
+}
+
 TEST(EstimateBlocks, SidesAlongAnUnevenSurfaceAreOfTheWholeSurface) {
   // A point far from all others leaves few cells of the curve for the rest, and a hole parts
   // blocks.
@@ -610,9 +615,17 @@ TEST(LoadedRuns, KnowUpToTheNearestPointThatIsNotThere) {
   Array<float> known(cloud.size());
   for (std::size_t run = 0; run < index.size(); ++run) {
     if (!runs.has(run)) continue;
-    runs.known_around(std::span<const Vec3f>(cloud.position).subspan(run * kRun, kRun),
-                      known.data() + run * kRun);
+    const std::span<const Vec3f> places(cloud.position.data() + run * kRun, kRun);
+    runs.known_around(places, false, known.data() + run * kRun);
+    std::array<float, kRun> exact{};
+    runs.known_around(places, true, exact.data());
     for (std::size_t i = run * kRun; i < (run + 1) * kRun; ++i) {
+      float to_run = std::numeric_limits<float>::infinity();
+      for (std::size_t r = 0; r < index.size(); ++r) {
+        if (!runs.has(r)) to_run = std::min(to_run, index[r].box.distance2(cloud.position[i]));
+      }
+      EXPECT_NEAR(exact[i - run * kRun], std::sqrt(to_run), 1e-5);
+      EXPECT_LE(known[i], exact[i - run * kRun]);
       float nearest = std::numeric_limits<float>::infinity();
       for (std::size_t j = 0; j < cloud.size(); ++j) {
         if (!runs.has(j / kRun)) {
@@ -627,7 +640,7 @@ TEST(LoadedRuns, KnowUpToTheNearestPointThatIsNotThere) {
   }
   for (std::size_t run = 0; run < index.size(); ++run) runs.add(run);
   EXPECT_EQ(runs.finite(), cloud.size());
-  runs.known_around({cloud.position.data(), 1}, known.data());
+  runs.known_around({cloud.position.data(), 1}, false, known.data());
   EXPECT_EQ(known[0], std::numeric_limits<float>::infinity());
 }
 

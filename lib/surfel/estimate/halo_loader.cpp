@@ -211,6 +211,9 @@ std::optional<HaloPoints> HaloLoader::load(const HaloTask& task, const BlockPoin
     refuse_disorder(name_);
   }
   if (task.points.size() > 1 && runs.finite() > options_.most_points) return std::nullopt;
+  // Points that are not certain have had runs added as far as they need. With less than what is
+  // known around them they would need the same runs again, for ever.
+  const bool exact = !task.needed.empty();
   parallel_each(parts.size(), 1, [&](std::size_t p) {
     Part& part = parts[p];
     part.points = read(part.begin, part.end, block);
@@ -218,7 +221,7 @@ std::optional<HaloPoints> HaloLoader::load(const HaloTask& task, const BlockPoin
     points.known.resize(points.size());
     for (std::size_t begin = 0; begin < points.size(); begin += kRegionPoints) {
       const std::size_t count = std::min(kRegionPoints, points.size() - begin);
-      runs.known_around(std::span<const Vec3f>(points.position).subspan(begin, count),
+      runs.known_around(std::span<const Vec3f>(points.position).subspan(begin, count), exact,
                         points.known.data() + begin);
     }
   });

@@ -66,7 +66,7 @@ void LoadedRuns::add_near(const RunBox& box, float reach) {
   });
 }
 
-void LoadedRuns::known_around(std::span<const Vec3f> places, float* known) const {
+void LoadedRuns::known_around(std::span<const Vec3f> places, bool exact, float* known) const {
   constexpr float kInfinity = std::numeric_limits<float>::infinity();
   RunBox box;
   for (const Vec3f& place : places) box.add(place);
@@ -83,8 +83,8 @@ void LoadedRuns::known_around(std::span<const Vec3f> places, float* known) const
   });
   const float nearest = std::sqrt(nearest2);
   const float diagonal = (box.high - box.low).norm();
-  // Far from what is missing, places need no distances of their own.
-  if (!(nearest < diagonal)) {
+  // Far from what is missing, places seldom need distances of their own.
+  if (std::isinf(nearest) || (!exact && !(nearest < diagonal))) {
     std::fill_n(known, places.size(), kDown * nearest);
     return;
   }

@@ -26,7 +26,9 @@ class SURFEL_API LoadedRuns {
   std::size_t finite() const { return finite_; }
   /// For each of some places: all points of the cloud that are nearer than this belong to loaded
   /// runs. Infinity where all runs are loaded. Places that are near to each other cost least.
-  void known_around(std::span<const Vec3f> places, float* known) const;
+  /// \param exact  The distances are the largest there are; else they may be less, which takes less
+  ///     time.
+  void known_around(std::span<const Vec3f> places, bool exact, float* known) const;
 
  private:
   const RunIndex& index_;
