@@ -21,6 +21,15 @@ TEST(GradientNoise, DerivativeMatchesFiniteDifferences) {
   }
 }
 
+TEST(GradientNoise, ValueIsTheSameWithoutTheDerivative) {
+  for (std::uint64_t i = 0; i < 200; ++i) {
+    const Eigen::Vector2d p(20 * random_uniform(1, i, 0) - 10, 20 * random_uniform(1, i, 1) - 10);
+    const NoiseValue<2> alone = fractal_noise<2, false>(p, {3, 0.7, 0.5}, 5);
+    EXPECT_EQ(alone.value, fractal_noise<2>(p, {3, 0.7, 0.5}, 5).value);
+    EXPECT_TRUE(alone.gradient.isZero(0));
+  }
+}
+
 TEST(GradientNoise, VariesWithSeedAndVanishesOnTheLattice) {
   EXPECT_EQ(gradient_noise<2>({3, -4}, 1).value, 0);
   EXPECT_NE(gradient_noise<2>({0.3, 0.4}, 1).value, gradient_noise<2>({0.3, 0.4}, 2).value);

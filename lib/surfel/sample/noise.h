@@ -33,8 +33,8 @@ Eigen::Matrix<double, D, 1> lattice_gradient(const Eigen::Matrix<std::int64_t, D
 /// Gradient noise with the quintic fade, twice continuously differentiable, with its analytic
 /// derivative (Perlin 2002, "Improving noise"), of the gradients that `gradient_at`(cell) gives to
 /// lattice points. Zero at lattice points; about +-0.6 at most where components of gradients are
-/// within +-1.
-template <int D, class GradientAt>
+/// within +-1. Without kDerivative the derivative is left at zero, which takes less time.
+template <int D, bool kDerivative = true, class GradientAt>
 NoiseValue<D> gradient_noise_of(const Eigen::Matrix<double, D, 1>& p,
                                 const GradientAt& gradient_at) {
   Eigen::Matrix<std::int64_t, D, 1> cell;
@@ -60,24 +60,27 @@ NoiseValue<D> gradient_noise_of(const Eigen::Matrix<double, D, 1>& p,
     double ramp = 0;
     for (int k = 0; k < D; ++k) ramp += gradient[k] * (offset[k] - (corner >> k & 1));
     noise.value += weight * ramp;
-    noise.gradient += weight * gradient;
-    for (int k = 0; k < D; ++k) {
-      double slope = (corner >> k & 1) != 0 ? fade_slope[k] : -fade_slope[k];
-      for (int other = 0; other < D; ++other) {
-        if (other != k) slope *= (corner >> other & 1) != 0 ? fade[other] : 1 - fade[other];
+    if constexpr (kDerivative) {
+      noise.gradient += weight * gradient;
+      for (int k = 0; k < D; ++k) {
+        double slope = (corner >> k & 1) != 0 ? fade_slope[k] : -fade_slope[k];
+        for (int other = 0; other < D; ++other) {
+          if (other != k) slope *= (corner >> other & 1) != 0 ? fade[other] : 1 - fade[other];
+        }
+        noise.gradient[k] += slope * ramp;
       }
-      noise.gradient[k] += slope * ramp;
     }
   }
   return noise;
 }
 
 /// Gradient noise of lattice_gradient().
-template <int D>
+template <int D, bool kDerivative = true>
 NoiseValue<D> gradient_noise(const Eigen::Matrix<double, D, 1>& p, std::uint64_t seed) {
-  return gradient_noise_of<D>(p, [seed](const Eigen::Matrix<std::int64_t, D, 1>& cell) {
-    return lattice_gradient<D>(cell, seed);
-  });
+  return gradient_noise_of<D, kDerivative>(p,
+                                           [seed](const Eigen::Matrix<std::int64_t, D, 1>& cell) {
+                                             return lattice_gradient<D>(cell, seed);
+                                           });
 }
 
 /// Spectrum of fractal noise.
@@ -88,16 +91,16 @@ struct FractalNoise {
 };
 
 /// Sum of octaves of gradient_noise, each of twice the frequency of the octave before.
-template <int D>
+template <int D, bool kDerivative = true>
 NoiseValue<D> fractal_noise(const Eigen::Matrix<double, D, 1>& p, const FractalNoise& spectrum,
                             std::uint64_t seed) {
   NoiseValue<D> sum;
   double amplitude = 1;
   double frequency = spectrum.frequency;
   for (int octave = 0; octave < spectrum.octaves; ++octave) {
-    const NoiseValue<D> noise = gradient_noise<D>(p * frequency, seed + octave);
+    const NoiseValue<D> noise = gradient_noise<D, kDerivative>(p * frequency, seed + octave);
     sum.value += amplitude * noise.value;
-    sum.gradient += amplitude * frequency * noise.gradient;
+    if constexpr (kDerivative) sum.gradient += amplitude * frequency * noise.gradient;
     amplitude *= spectrum.gain;
     frequency *= 2;
   }

@@ -38,7 +38,7 @@ ProceduralTexture noise(const ProceduralTextureOptions& options) {
     Vec3f color;
     for (int channel = 0; channel < 3; ++channel) {
       const std::uint64_t stream = seed * 64 + static_cast<std::uint64_t>(channel) * 16;
-      const double value = fractal_noise<2>(Vec2d(u, v), spectrum, stream).value;
+      const double value = fractal_noise<2, false>(Vec2d(u, v), spectrum, stream).value;
       color[channel] = static_cast<float>(std::clamp(0.5 + 0.8 * value, 0.0, 1.0));
     }
     return color;
