@@ -12,7 +12,7 @@
 namespace surfel::python {
 namespace {
 
-/// The columns of docs/format.md, but for `radius`, which follows from the variances.
+/// The columns of docs/format.md without `radius`, a number that the variances tell.
 const std::vector<Column<SurfelCloud>>& surfel_columns() {
   using C = SurfelCloud;
   static const auto* const all = new std::vector<Column<C>>{

@@ -182,8 +182,8 @@ TEST(Documents, TheCommandsOfChoosingRun) {
 
 TEST(Documents, TheGalleryRuns) { run_commands({"docs/gallery.md", 8, 4}); }
 
-/// Commands that the gallery names and does not run are those of README.md, or of a page that says
-/// which file of the test data they are for; and it shows every picture.
+/// A command that the gallery names and does not run stands in README.md, or on a page that says
+/// which file of the test data the command is for; and the gallery shows every picture.
 TEST(Documents, TheGalleryIsWhole) {
   const std::string gallery = text_of(kRoot / "docs/gallery.md");
   std::string pages = text_of(kRoot / "README.md");

@@ -288,7 +288,7 @@ SurfelCloud several_parts(std::size_t count) {
   return cloud;
 }
 
-/// Points along another curve, that of a mirrored cloud.
+/// The points in the order that the curve through their mirror images gives.
 SurfelCloud sorted_otherwise(const SurfelCloud& cloud) {
   Array<Vec3f> mirrored = cloud.position;
   for (Vec3f& p : mirrored) p = -p;

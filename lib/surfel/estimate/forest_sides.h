@@ -85,7 +85,7 @@ struct TurnedPoints {
 /// Sides that spread from edge to edge (kMst, kOutward) of a cloud that is not in memory, the same
 /// as orient_normals() finds: the minimum spanning forest does not depend on the blocks.
 ///
-/// The forests of blocks wait on scratch files, but for the edges to other blocks, which are in
+/// The forests of blocks wait on scratch files; the edges between blocks are kept in
 /// memory. Once all of these are known, points of a block are united along the edges that are the
 /// shortest of all edges that leave a set of points [Boruvka 1926]. Such sets hold a point at the
 /// block's border each, or are whole parts. Kruskal's algorithm unites them along the other edges.

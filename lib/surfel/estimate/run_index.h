@@ -65,7 +65,7 @@ class SURFEL_API RunIndex {
   /// some.
   std::size_t median_meeting() const;
   const Run& operator[](std::size_t run) const { return runs_[run]; }
-  /// How many finite points come before those of a run; not before finish().
+  /// Number of a run's first point among the finite points of the cloud; called after finish().
   std::uint64_t finite_before(std::size_t run) const { return finite_before_[run]; }
   /// The boxes of the runs, for searches; empty before finish().
   const Tree& tree() const { return tree_; }
