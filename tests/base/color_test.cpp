@@ -56,6 +56,16 @@ TEST(Color, RoundsTo8BitsExactlyWhereStepsOfItsTableMeet) {
   }
 }
 
+TEST(Color, RoundsTo16BitsExactlyAtTheThresholds) {
+  for (int i = 1; i < 65536; ++i) {
+    const auto threshold = static_cast<float>(decode((i - 0.5) / 65535));
+    for (const float linear :
+         {std::nextafter(threshold, 0.0F), threshold, std::nextafter(threshold, 2.0F)}) {
+      ASSERT_EQ(linear_to_srgb16(linear), encode_rounded(linear, 65535)) << i << " " << linear;
+    }
+  }
+}
+
 TEST(Color, RoundsToNearestBetweenTheThresholds) {
   for (int i = 0; i <= 100000; ++i) {
     const float linear = static_cast<float>(i) / 100000;
