@@ -2,6 +2,7 @@
 #include <bit>
 #include <compare>
 #include <limits>
+#include <utility>
 
 #include <surfel/base/parallel.h>
 #include <surfel/base/progress.h>
@@ -26,6 +27,7 @@ struct SearchScratch {
   Array<std::uint64_t> key;           ///< Keys of the entries within the bound.
   Array<std::int64_t> rank;           ///< By key: how many keys are smaller.
   Array<std::uint64_t> sorted;        ///< The keys in ascending order.
+  std::vector<std::uint32_t> ends;    ///< Of buckets of keys.
 };
 
 }  // namespace
@@ -70,7 +72,8 @@ class Searcher {
         slot_(scratch.slot),
         key_(scratch.key),
         rank_(scratch.rank),
-        sorted_(scratch.sorted) {}
+        sorted_(scratch.sorted),
+        ends_(scratch.ends) {}
 
   /// Calls found(entry, keys) for each place of the leaf.
   template <class Found>
@@ -154,8 +157,6 @@ class Searcher {
   static constexpr float kLeafSlack = 1.2F;
   /// Up to this many keys counting all smaller ones is faster than sorting.
   static constexpr std::size_t kMostRanked = 96;
-  /// The same by lanes of a vector, once the keys that are not wanted have been parted off.
-  static constexpr std::size_t kMostRankedPerLane = 24;
 
   /// Leaves that k neighbours hardly ever need more of.
   std::size_t most_leaves() const { return 64 + k_; }
@@ -343,6 +344,46 @@ class Searcher {
     return std::bit_cast<float>(static_cast<std::uint32_t>(*last));
   }
 
+  /// The first `kept` of `count` keys, ascending. Squared distances to places of a surface are
+  /// spread about evenly, so that as many buckets as keys have few keys each.
+  std::span<const Key> sorted_by_buckets(std::size_t count, std::size_t kept) {
+    const std::span<const Key> keys(key_.data(), count);
+    const float largest = distance2(*std::max_element(keys.begin(), keys.end()));
+    float scale = static_cast<float>(count - 1) / largest;
+    if (!(scale < kInfinity)) scale = 0;
+    // Infinite distances, times zero no numbers, come last.
+    const auto bucket = [last = static_cast<float>(count - 1), scale](Key key) {
+      return static_cast<std::size_t>(std::min(last, distance2(key) * scale));
+    };
+    ends_.assign(count, 0);
+    for (const Key key : keys) ++ends_[bucket(key)];
+    // Buckets that begin behind the last key that is wanted stay out.
+    std::size_t used = 0;
+    std::uint32_t begin = 0;
+    for (; begin < kept; ++used) begin += std::exchange(ends_[used], begin);
+    for (const Key key : keys) {
+      const std::size_t b = bucket(key);
+      if (b < used) sorted_[ends_[b]++] = key;
+    }
+    begin = 0;
+    for (std::size_t b = 0; b < used; begin = ends_[b++]) {
+      const auto first = sorted_.begin() + begin;
+      const auto last = sorted_.begin() + ends_[b];
+      constexpr std::ptrdiff_t kMostInserted = 16;
+      if (last - first > kMostInserted) {
+        std::sort(first, last);
+        continue;
+      }
+      for (auto k = first; k != last; ++k) {
+        const Key key = *k;
+        auto to = k;
+        for (; to != first && key < to[-1]; --to) *to = to[-1];
+        *to = key;
+      }
+    }
+    return {sorted_.data(), kept};
+  }
+
   /// The first k keys, ascending, of the `count` places that scan() noted.
   HWY_INLINE std::span<const Key> select(std::size_t count) {
     Key* key = key_.data();
@@ -353,16 +394,7 @@ class Searcher {
           Key{std::bit_cast<std::uint32_t>(distance2_[slot])} << 32 | leaf.index[slot % kWidth];
     }
     const std::size_t kept = std::min(count, k_);
-    if (count > kMostRanked) {
-      const auto end = key_.begin() + static_cast<std::ptrdiff_t>(count);
-      const auto last = key_.begin() + static_cast<std::ptrdiff_t>(kept);
-      if (last != end) std::nth_element(key_.begin(), last, end);
-      if (kept > kMostRankedPerLane * hn::Lanes(hn::CappedTag<std::int64_t, kWidth / 2>())) {
-        std::sort(key_.begin(), last);
-        return {key, kept};
-      }
-      count = kept;
-    }
+    if (count > kMostRanked) return sorted_by_buckets(count, kept);
     // The place of a key is the number of smaller keys. As signed numbers keys have the same order,
     // since the sign of a squared distance is clear, and more instruction sets compare signed ones.
     const hn::CappedTag<std::int64_t, kWidth / 2> d;
@@ -391,6 +423,7 @@ class Searcher {
   Array<Key>& key_;
   Array<std::int64_t>& rank_;
   Array<Key>& sorted_;
+  std::vector<std::uint32_t>& ends_;
 };
 
 }  // namespace
