@@ -15,76 +15,78 @@ constexpr float kConflictSize = 4;
 /// than this many mean groups; in longer groups normals differ because the surface is curved.
 constexpr float kConflictReach = 3;
 
-/// Direction of the largest variance of a covariance (xx xy xz yy yz zz), by power iteration from
-/// its longest column, and that variance.
-std::pair<Vec3f, float> principal_direction(const std::array<float, 6>& c) {
-  Eigen::Matrix3f C;
-  C << c[0], c[1], c[2], c[1], c[3], c[4], c[2], c[4], c[5];
+/// Direction of the largest variance of a covariance, and that variance; zeros if it has none.
+std::pair<Vec3f, float> principal_direction(const Eigen::Matrix3f& covariance) {
+  const float trace = covariance.trace();
+  if (!(trace > 0)) return {Vec3f(0, 0, 0), 0.0F};
+  // The longest column of the square points nearly along it. Where no direction is much longer than
+  // the others it lies nearer to an axis of space than the eigenvector does, so that groups side by
+  // side are cut alike: pieces get rounder than by eigenvectors.
+  const Eigen::Matrix3f scaled = covariance / trace;
+  const Eigen::Matrix3f square = scaled.lazyProduct(scaled);
   Eigen::Index longest = 0;
-  C.colwise().squaredNorm().maxCoeff(&longest);
-  Vec3f v = C.col(longest);
-  // A direction that is not quite the longest makes a slightly longer piece, no more.
-  constexpr int kSteps = 6;
-  for (int i = 0; i < kSteps; ++i) {
-    const float length = v.norm();
-    if (!(length > 0)) return {Vec3f(0, 0, 0), 0.0F};
-    v = C * (v / length);
-  }
-  const float length = v.norm();
-  if (!(length > 0)) return {Vec3f(0, 0, 0), 0.0F};
-  return {v / length, length};
+  const float length2 = square.colwise().squaredNorm().maxCoeff(&longest);
+  if (!(length2 > 0)) return {Vec3f(0, 0, 0), 0.0F};
+  const Vec3f direction = square.col(longest) / std::sqrt(length2);
+  return {direction, (covariance * direction).norm()};
 }
 
 }  // namespace
 
 SurfelPartition::Group SurfelPartition::measure(std::uint32_t begin, std::uint32_t end) const {
-  Group group{begin, end, 0, 0, false, Vec3f(0, 0, 0), Vec3f(0, 0, 0)};
+  using Vec4f = Eigen::Vector4f;
+  Group group{begin, end, 0, 0, false, Vec4f::Zero(), Vec4f::Zero()};
   const Member& first = surfels_[order_[begin]];
   if (end - begin == 1) {
-    group.extent2 = first.extent2;
+    group.extent2 = first.facing[3];
     return group;
   }
+  // Moments about the first position; the last number of each sum of places means nothing.
   float weights = 0;
-  Vec3f offset(0, 0, 0);
-  Vec3f normal(0, 0, 0);
-  float extent2 = 0;
+  Vec4f offset = Vec4f::Zero();
+  Vec4f facing = Vec4f::Zero();
+  Vec4f by_x = Vec4f::Zero();
+  Vec4f by_y = Vec4f::Zero();
+  Vec4f by_z = Vec4f::Zero();
   for (std::uint32_t k = begin; k < end; ++k) {
     const Member& s = surfels_[order_[k]];
     // Areas of zero must not leave a group without a mean.
-    const float w = s.area + 1e-6F * piece2_;
+    const float w = s.area() + 1e-6F * piece2_;
+    const Vec4f d = s.place - first.place;
+    const Vec4f weighted = w * d;
     weights += w;
-    offset += w * (s.position - first.position);
-    normal += w * s.normal;
-    extent2 += w * s.extent2;
+    offset += weighted;
+    facing += w * s.facing;
+    by_x += d[0] * weighted;
+    by_y += d[1] * weighted;
+    by_z += d[2] * weighted;
     group.conflict = group.conflict || s.material != first.material || s.oriented != first.oriented;
   }
   if (!(weights > 0)) weights = 1;
   offset /= weights;
-  group.mean = first.position + offset;
+  group.mean = first.place + offset;
+  Vec3f normal = facing.head<3>();
   const float length = normal.norm();
   if (length > 0) normal /= length;
-
-  // Covariance with offsets along the normal stretched.
-  std::array<float, 6> c{};
   float least_cosine = 1;
   for (std::uint32_t k = begin; k < end; ++k) {
     const Member& s = surfels_[order_[k]];
-    const float w = (s.area + 1e-6F * piece2_) / weights;
-    const Vec3f d = s.position - first.position - offset;
-    const Vec3f e = d + (stretch_ - 1) * normal.dot(d) * normal;
-    c[0] += w * e.x() * e.x();
-    c[1] += w * e.x() * e.y();
-    c[2] += w * e.x() * e.z();
-    c[3] += w * e.y() * e.y();
-    c[4] += w * e.y() * e.z();
-    c[5] += w * e.z() * e.z();
-    if (s.oriented) least_cosine = std::min(least_cosine, normal.dot(s.normal));
+    if (s.oriented) least_cosine = std::min(least_cosine, normal.dot(s.facing.head<3>()));
   }
   group.conflict = group.conflict || least_cosine < normal_cosine_;
-  const auto [direction, variance] = principal_direction(c);
-  group.cut = direction + (stretch_ - 1) * normal.dot(direction) * normal;
+
+  Eigen::Matrix3f covariance;
+  covariance << by_x.head<3>(), by_y.head<3>(), by_z.head<3>();
+  const Vec3f mean = offset.head<3>();
+  covariance = covariance / weights - mean * mean.transpose();
+  // Offsets along the normal are stretched.
+  const Eigen::Matrix3f stretched =
+      Eigen::Matrix3f::Identity() + (stretch_ - 1) * normal * normal.transpose();
+  covariance = Eigen::Matrix3f(stretched.lazyProduct(covariance)).lazyProduct(stretched).eval();
+  const auto [direction, variance] = principal_direction(covariance);
+  group.cut.head<3>() = direction + (stretch_ - 1) * normal.dot(direction) * normal;
   // A uniform piece of length l has the variance l^2 / 12.
-  group.extent2 = 12 * variance + extent2 / weights;
+  group.extent2 = 12 * variance + facing[3] / weights;
   group.badness = group.extent2 * (group.conflict ? kConflictSize * kConflictSize : 1.0F);
   return group;
 }
@@ -125,7 +127,7 @@ std::uint32_t SurfelPartition::cut_conflict(const Group& group) {
     Vec3f found = normal;
     float least = 2;
     for (std::uint32_t k = group.begin; k < group.end; ++k) {
-      const Vec3f& n = surfels_[order_[k]].normal;
+      const Vec3f n = surfels_[order_[k]].facing.head<3>();
       if (n.dot(normal) < least) {
         least = n.dot(normal);
         found = n;
@@ -133,16 +135,19 @@ std::uint32_t SurfelPartition::cut_conflict(const Group& group) {
     }
     return found;
   };
-  const Vec3f a = farthest_from(first.normal);
+  const Vec3f a = farthest_from(first.facing.head<3>());
   const Vec3f b = farthest_from(a);
-  return divide(group, [&](const Member& s) { return s.normal.dot(a) > s.normal.dot(b); });
+  return divide(group, [&](const Member& s) {
+    const Vec3f normal = s.facing.head<3>();
+    return normal.dot(a) > normal.dot(b);
+  });
 }
 
 std::uint32_t SurfelPartition::cut(const Group& group) {
   if (group.conflict && group.extent2 <= kConflictReach * kConflictReach * piece2_) {
     return cut_conflict(group);
   }
-  return divide(group, [&](const Member& s) { return group.cut.dot(s.position - group.mean) < 0; });
+  return divide(group, [&](const Member& s) { return group.cut.dot(s.place - group.mean) < 0; });
 }
 
 void SurfelPartition::run(std::span<const MergeSurfel> surfels, std::size_t groups,
@@ -153,7 +158,10 @@ void SurfelPartition::run(std::span<const MergeSurfel> surfels, std::size_t grou
   float area = 0;
   surfels_.clear();
   for (const MergeSurfel& s : surfels) {
-    surfels_.push_back({s.position, s.area, s.normal, s.extent2, s.material, !s.normal.isZero()});
+    surfels_.push_back({{s.position.x(), s.position.y(), s.position.z(), s.area},
+                        {s.normal.x(), s.normal.y(), s.normal.z(), s.extent2},
+                        s.material,
+                        !s.normal.isZero()});
     area += s.area;
   }
   piece2_ = area / static_cast<float>(groups);
