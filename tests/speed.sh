@@ -202,8 +202,8 @@ section_memory() {
   rm "$work/big.ply"
 }
 
-# From LAS to levels of detail in bounded memory: time beside a tenth of the points, peak memory, and bytes written for
-# each that is read.
+# From LAS, whose third axis points up, to levels of detail in bounded memory: time beside a tenth of the points, peak
+# memory, and bytes written for each that is read.
 section_scale() {
   local count step peak scratch written from to words
   local -A ms tool=([sort]="surfel-convert --sort curve" [estimate]="surfel-estimate --orient up" [lod]="surfel-lod")
@@ -211,7 +211,7 @@ section_scale() {
   field() { sed -n "s/^  \"$1\": \([0-9]*\).*/\1/p" "$work/scale.json"; }
   for count in 10000000 100000000; do
     "$bin/surfel-generate" terrain --no-uv --count $count -o "$work/terrain-$count.ply" --quiet
-    "$bin/surfel-convert" "$work/terrain-$count.ply" --keep-columns color -o "$work/points.las" --quiet
+    "$bin/surfel-convert" "$work/terrain-$count.ply" --keep-columns color --rotate 1,0,0,90 -o "$work/points.las" --quiet
     rm "$work/terrain-$count.ply"
     for step in sort estimate lod; do
       read -ra words <<< "${tool[$step]}"
