@@ -1,7 +1,8 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <cmath>
+#include <array>
+#include <cstddef>
 #include <cstdint>
 
 namespace surfel {
@@ -13,52 +14,55 @@ struct NoiseValue {
   Eigen::Matrix<double, D, 1> gradient = Eigen::Matrix<double, D, 1>::Zero();
 };
 
-/// Gradient at a lattice point, from which noise is interpolated; components uniform in [-1, 1).
-template <int D>
-Eigen::Matrix<double, D, 1> lattice_gradient(const Eigen::Matrix<std::int64_t, D, 1>& cell,
-                                             std::uint64_t seed) {
-  static_assert(D <= 3);
-  std::uint64_t hash = seed + 0x9e3779b97f4a7c15ULL;
-  for (int k = 0; k < D; ++k) {
-    hash = (hash ^ static_cast<std::uint64_t>(cell[k])) * 0xbf58476d1ce4e5b9ULL;
-    hash ^= hash >> 29;
+/// Hashes of the corners of a lattice cell; bit k of a corner's number says which of both ends it
+/// is at along axis k. A corner's hash is made axis by axis, as hash = step(hash, axis,
+/// coordinate), so that corners share the steps of the axes that they agree in.
+template <int D, class Step>
+std::array<std::uint64_t, std::size_t{1} << D> corner_hashes(
+    const Eigen::Matrix<std::int64_t, D, 1>& cell, std::uint64_t start, const Step& step) {
+  std::array<std::uint64_t, std::size_t{1} << D> hashes{start};
+  for (int axis = 0; axis < D; ++axis) {
+    const std::size_t known = std::size_t{1} << axis;
+    for (std::size_t i = 0; i < known; ++i) {
+      hashes[i + known] = step(hashes[i], axis, static_cast<std::uint64_t>(cell[axis] + 1));
+      hashes[i] = step(hashes[i], axis, static_cast<std::uint64_t>(cell[axis]));
+    }
   }
-  Eigen::Matrix<double, D, 1> gradient;
-  for (int k = 0; k < D; ++k) {
-    gradient[k] = static_cast<double>((hash >> (21 * k)) & 0x1fffff) * 0x1p-20 - 1;
-  }
-  return gradient;
+  return hashes;
 }
 
 /// Gradient noise with the quintic fade, twice continuously differentiable, with its analytic
-/// derivative (Perlin 2002, "Improving noise"), of the gradients that `gradient_at`(cell) gives to
-/// lattice points. Zero at lattice points; about +-0.6 at most where components of gradients are
-/// within +-1. Without kDerivative the derivative is left at zero, which takes less time.
-template <int D, bool kDerivative = true, class GradientAt>
-NoiseValue<D> gradient_noise_of(const Eigen::Matrix<double, D, 1>& p,
-                                const GradientAt& gradient_at) {
+/// derivative (Perlin 2002, "Improving noise"), of gradients that corner_hashes() give to lattice
+/// points: components uniform in [-1, 1). Zero at lattice points; about +-0.6 at most. Without
+/// kDerivative the derivative is left at zero, which takes less time.
+template <int D, bool kDerivative = true, class Step>
+NoiseValue<D> gradient_noise_of(const Eigen::Matrix<double, D, 1>& p, std::uint64_t start,
+                                const Step& step) {
+  static_assert(D <= 3);
   Eigen::Matrix<std::int64_t, D, 1> cell;
   double fade[D], fade_slope[D], offset[D];
   for (int k = 0; k < D; ++k) {
-    const double floor = std::floor(p[k]);
-    const double t = p[k] - floor;
-    cell[k] = static_cast<std::int64_t>(floor);
+    cell[k] = static_cast<std::int64_t>(p[k]);
+    cell[k] -= static_cast<std::int64_t>(p[k] < static_cast<double>(cell[k]));
+    const double t = p[k] - static_cast<double>(cell[k]);
     offset[k] = t;
     fade[k] = t * t * t * (t * (t * 6 - 15) + 10);
     fade_slope[k] = 30 * t * t * (t - 1) * (t - 1);
   }
+  const auto hashes = corner_hashes<D>(cell, start, step);
   NoiseValue<D> noise;
   for (int corner = 0; corner < (1 << D); ++corner) {
-    Eigen::Matrix<std::int64_t, D, 1> lattice = cell;
     double weight = 1;
-    for (int k = 0; k < D; ++k) {
-      const bool far = (corner >> k & 1) != 0;
-      lattice[k] += far;
-      weight *= far ? fade[k] : 1 - fade[k];
-    }
-    const Eigen::Matrix<double, D, 1> gradient = gradient_at(lattice);
+    for (int k = 0; k < D; ++k) weight *= (corner >> k & 1) != 0 ? fade[k] : 1 - fade[k];
+    Eigen::Matrix<double, D, 1> gradient;
     double ramp = 0;
-    for (int k = 0; k < D; ++k) ramp += gradient[k] * (offset[k] - (corner >> k & 1));
+    for (int k = 0; k < D; ++k) {
+      gradient[k] =
+          static_cast<double>(static_cast<std::int64_t>(hashes[corner] >> (21 * k) & 0x1fffff)) *
+              0x1p-20 -
+          1;
+      ramp += gradient[k] * (offset[k] - (corner >> k & 1));
+    }
     noise.value += weight * ramp;
     if constexpr (kDerivative) {
       noise.gradient += weight * gradient;
@@ -74,13 +78,14 @@ NoiseValue<D> gradient_noise_of(const Eigen::Matrix<double, D, 1>& p,
   return noise;
 }
 
-/// Gradient noise of lattice_gradient().
+/// Gradient noise of a hash that is quickly made.
 template <int D, bool kDerivative = true>
 NoiseValue<D> gradient_noise(const Eigen::Matrix<double, D, 1>& p, std::uint64_t seed) {
-  return gradient_noise_of<D, kDerivative>(p,
-                                           [seed](const Eigen::Matrix<std::int64_t, D, 1>& cell) {
-                                             return lattice_gradient<D>(cell, seed);
-                                           });
+  const auto step = [](std::uint64_t hash, int, std::uint64_t coordinate) {
+    hash = (hash ^ coordinate) * 0xbf58476d1ce4e5b9ULL;
+    return hash ^ hash >> 29;
+  };
+  return gradient_noise_of<D, kDerivative>(p, seed + 0x9e3779b97f4a7c15ULL, step);
 }
 
 /// Spectrum of fractal noise.

@@ -19,15 +19,11 @@ constexpr double kLargestCell = 0x1p52;
 }  // namespace
 
 NoiseValue<3> independent_noise(const Vec3d& place, std::uint64_t seed) {
-  return gradient_noise_of<3>(place, [seed](const Eigen::Matrix<std::int64_t, 3, 1>& cell) {
-    const auto of = [&](int k) { return static_cast<std::uint64_t>(cell[k]); };
-    const std::uint64_t bits = random_bits(random_bits(seed, of(0), of(1)), of(2));
-    Vec3d gradient;
-    for (int k = 0; k < 3; ++k) {
-      gradient[k] = static_cast<double>(bits >> (21 * k) & 0x1fffff) * 0x1p-20 - 1;
-    }
-    return gradient;
-  });
+  return gradient_noise_of<3>(place, seed,
+                              [](std::uint64_t hash, int axis, std::uint64_t coordinate) {
+                                const std::uint64_t next = random_step(hash, coordinate);
+                                return axis < 2 ? next : random_step(next, 0);
+                              });
 }
 
 double noise_response(const KernelAxes& axes) {

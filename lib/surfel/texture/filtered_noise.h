@@ -14,8 +14,8 @@ namespace surfel {
 inline constexpr int kMostOctaves = 16;
 
 /// Gradient noise whose lattice points have independent gradients, of components uniform in
-/// [-1, 1). The gradients of lattice_gradient(), which cost less, depend on their neighbours': the
-/// mean square of gradient_noise() is a tenth higher.
+/// [-1, 1). The gradients of gradient_noise(), which cost less, depend on their neighbours': the
+/// mean square of its values is a tenth higher.
 ///
 /// \param place  in lattice cells, each coordinate below 2^52.
 SURFEL_API NoiseValue<3> independent_noise(const Vec3d& place, std::uint64_t seed);
