@@ -29,10 +29,10 @@ Vec3f category_color(AttributeKind kind, std::int64_t number) {
 
 ColoredSource::ColoredSource(SurfelSource& inner, const AttributeValues& values,
                              const AttributeColors& colors)
-    : inner_(inner), values_(values), colors_(colors), table_(colors.map) {}
+    : ForwardingSource(inner), values_(values), colors_(colors), table_(colors.map) {}
 
 SurfelAttributes ColoredSource::attributes() const {
-  SurfelAttributes known = inner_.attributes();
+  SurfelAttributes known = ForwardingSource::attributes();
   known.color = true;
   return known;
 }
@@ -45,7 +45,7 @@ Vec3f ColoredSource::color(double value) const {
 
 void ColoredSource::fill(std::size_t begin, std::size_t end, RenderCloud& cloud,
                          std::size_t row) const {
-  inner_.fill(begin, end, cloud, row);
+  ForwardingSource::fill(begin, end, cloud, row);
   std::array<double, kPiece> values;
   for (; begin < end; begin += kPiece, row += kPiece) {
     const std::size_t count = std::min(kPiece, end - begin);

@@ -101,6 +101,33 @@ class SURFEL_API CloudSource : public SurfelSource {
   const SurfelCloud& cloud_;
 };
 
+/// The surfels of another source, which must outlive it; derived classes change what they fill.
+class ForwardingSource : public SurfelSource {
+ public:
+  explicit ForwardingSource(SurfelSource& inner) : inner_(inner) {}
+
+  std::size_t size() const override { return inner_.size(); }
+  SurfelAttributes attributes() const override { return inner_.attributes(); }
+  Vec3d origin() const override { return inner_.origin(); }
+  bool recenter(const Bounds& bounds) override { return inner_.recenter(bounds); }
+  void fill(std::size_t begin, std::size_t end, RenderCloud& cloud,
+            std::size_t row) const override {
+    inner_.fill(begin, end, cloud, row);
+  }
+  void fill_sources(std::size_t begin, std::size_t end, std::uint32_t* to) const override {
+    inner_.fill_sources(begin, end, to);
+  }
+  std::vector<std::string> columns() const override { return inner_.columns(); }
+  void fill_column(std::size_t column, std::size_t begin, std::size_t end,
+                   double* to) const override {
+    inner_.fill_column(column, begin, end, to);
+  }
+  void expect(std::size_t begin, std::size_t end) const override { inner_.expect(begin, end); }
+
+ private:
+  SurfelSource& inner_;
+};
+
 /// Throws the error of surfels without variance; `file` may be empty.
 [[noreturn]] void throw_no_variance(const std::string& file);
 

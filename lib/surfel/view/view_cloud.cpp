@@ -14,18 +14,14 @@ namespace surfel {
 namespace {
 
 /// A source whose surfels have the share of an attribute's range instead of colours; no value is 0.
-class AttributeSource final : public SurfelSource {
+class AttributeSource final : public ForwardingSource {
  public:
   AttributeSource(SurfelSource& inner, AttributeValues values, std::pair<double, double> range)
-      : inner_(inner), values_(std::move(values)), range_(std::move(range)) {}
+      : ForwardingSource(inner), values_(std::move(values)), range_(std::move(range)) {}
 
-  std::size_t size() const override { return inner_.size(); }
-  SurfelAttributes attributes() const override { return inner_.attributes(); }
-  Vec3d origin() const override { return inner_.origin(); }
-  bool recenter(const Bounds& bounds) override { return inner_.recenter(bounds); }
   void fill(std::size_t begin, std::size_t end, RenderCloud& cloud,
             std::size_t row) const override {
-    inner_.fill(begin, end, cloud, row);
+    ForwardingSource::fill(begin, end, cloud, row);
     std::vector<double> values(end - begin);
     values_.values(begin, end, cloud, row, values.data());
     const double size = range_.second - range_.first;
@@ -36,18 +32,8 @@ class AttributeSource final : public SurfelSource {
       cloud.red[row + i] = cloud.green[row + i] = cloud.blue[row + i] = shown;
     }
   }
-  void fill_sources(std::size_t begin, std::size_t end, std::uint32_t* to) const override {
-    inner_.fill_sources(begin, end, to);
-  }
-  std::vector<std::string> columns() const override { return inner_.columns(); }
-  void fill_column(std::size_t column, std::size_t begin, std::size_t end,
-                   double* to) const override {
-    inner_.fill_column(column, begin, end, to);
-  }
-  void expect(std::size_t begin, std::size_t end) const override { inner_.expect(begin, end); }
 
  private:
-  SurfelSource& inner_;
   AttributeValues values_;
   std::pair<double, double> range_;
 };
