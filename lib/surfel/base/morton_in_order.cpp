@@ -98,11 +98,11 @@ HWY_EXPORT(in_order_simd);
 
 bool MortonGrid::in_order(const PointColumns& points) const {
   if (points.count < 2) return true;
-  constexpr std::size_t kGrain = 1 << 16;
+  constexpr std::size_t kPairsGrain = 1 << 16;
   const std::size_t pairs = points.count - 1;
-  std::vector<std::uint8_t> sorted((pairs + kGrain - 1) / kGrain);
-  parallel_for(pairs, kGrain, [&](std::size_t begin, std::size_t end, int) {
-    sorted[begin / kGrain] = HWY_DYNAMIC_DISPATCH(in_order_simd)(*this, points, begin, end);
+  std::vector<std::uint8_t> sorted((pairs + kPairsGrain - 1) / kPairsGrain);
+  parallel_for(pairs, kPairsGrain, [&](std::size_t begin, std::size_t end, int) {
+    sorted[begin / kPairsGrain] = HWY_DYNAMIC_DISPATCH(in_order_simd)(*this, points, begin, end);
   });
   return std::all_of(sorted.begin(), sorted.end(), [](std::uint8_t s) { return s != 0; });
 }

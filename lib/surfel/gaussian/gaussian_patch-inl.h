@@ -46,20 +46,20 @@ inline constexpr float kLeastTransmittance = 1e-4F;
 inline constexpr float kSlack = 1e-3F;
 inline constexpr float kLog2e = 1.44269504088896F;
 
-HWY_INLINE V set(float value) { return hn::Set(D(), value); }
+HWY_INLINE V all_lanes(float value) { return hn::Set(D(), value); }
 
 /// 2^x for x above -126, within 3e-7 of it, relatively; anything below.
 HWY_INLINE V exp2_of(V x) {
   const D d;
   const Ints di;
   // Adding 1.5 2^23 rounds to a whole number, which is then in the lowest bits.
-  const V magic = set(12582912.0F);
+  const V magic = all_lanes(12582912.0F);
   const V shifted = hn::Add(x, magic);
   const V f = hn::Sub(x, hn::Sub(shifted, magic));
   // Interpolates 2^f at Chebyshev's nodes in [-1/2, 1/2].
-  V value = set(1.33908634e-3F);
+  V value = all_lanes(1.33908634e-3F);
   for (const float c : {9.67603192e-3F, 5.55035711e-2F, 0.240221075F, 0.693147188F, 1.0F}) {
-    value = mul_add(value, f, set(c));
+    value = mul_add(value, f, all_lanes(c));
   }
   const auto whole = hn::ShiftLeft<23>(hn::BitCast(di, shifted));
   return hn::BitCast(d, hn::Add(hn::BitCast(di, value), whole));
@@ -81,15 +81,15 @@ class TilePixels {
   HWY_INLINE V column(std::size_t pixel) const {
     const std::size_t patch = pixel / kPatchPixels;
     const float at = left() + static_cast<float>(patch % kPatchesAcross * kPatch);
-    return hn::Add(hn::LoadU(D(), kColumnOfLane + pixel % kPatchPixels), set(at));
+    return hn::Add(hn::LoadU(D(), kColumnOfLane + pixel % kPatchPixels), all_lanes(at));
   }
   HWY_INLINE V row(std::size_t pixel) const {
     const std::size_t patch_row = pixel / kPatchPixels / kPatchesAcross;
     const float at = top() + static_cast<float>(patch_row * kPatch);
-    return hn::Add(hn::LoadU(D(), kRowOfLane + pixel % kPatchPixels), set(at));
+    return hn::Add(hn::LoadU(D(), kRowOfLane + pixel % kPatchPixels), all_lanes(at));
   }
   HWY_INLINE M in_picture(V x, V y) const {
-    return hn::And(hn::Lt(x, set(width_)), hn::Lt(y, set(height_)));
+    return hn::And(hn::Lt(x, all_lanes(width_)), hn::Lt(y, all_lanes(height_)));
   }
 
  private:
@@ -166,14 +166,14 @@ class LeastForms {
     const V x = field(offsetof(GaussianSplat, x));
     const V y = field(offsetof(GaussianSplat, y));
     const V xy = field(offsetof(GaussianSplat, xy));
-    const V along_y = hn::Div(hn::Mul(set(-0.5F), xy), yy_);
-    const V along_x = hn::Div(hn::Mul(set(-0.5F), xy), xx_);
+    const V along_y = hn::Div(hn::Mul(all_lanes(-0.5F), xy), yy_);
+    const V along_x = hn::Div(hn::Mul(all_lanes(-0.5F), xy), xx_);
     for (int p = 0; p < kPatchesAcross; ++p) {
       const auto at = static_cast<float>(p * kPatch);
-      x0_[p] = hn::Sub(set(left + at), x);
-      x1_[p] = hn::Add(x0_[p], set(kPatch - 1));
-      y0_[p] = hn::Sub(set(top + at), y);
-      y1_[p] = hn::Add(y0_[p], set(kPatch - 1));
+      x0_[p] = hn::Sub(all_lanes(left + at), x);
+      x1_[p] = hn::Add(x0_[p], all_lanes(kPatch - 1));
+      y0_[p] = hn::Sub(all_lanes(top + at), y);
+      y1_[p] = hn::Add(y0_[p], all_lanes(kPatch - 1));
       const V nearest_x = hn::Min(hn::Max(zero, x0_[p]), x1_[p]);
       const V nearest_y = hn::Min(hn::Max(zero, y0_[p]), y1_[p]);
       form_x_[p] = hn::Mul(xx_, hn::Mul(nearest_x, nearest_x));
@@ -196,7 +196,7 @@ class LeastForms {
   HWY_INLINE V to_row(int row) const { return middle(y0_[row]); }
 
  private:
-  static HWY_INLINE V middle(V first) { return hn::Add(first, set(0.5F * (kPatch - 1))); }
+  static HWY_INLINE V middle(V first) { return hn::Add(first, all_lanes(0.5F * (kPatch - 1))); }
 
   V xx_, yy_;
   V x0_[kPatchesAcross], x1_[kPatchesAcross], y0_[kPatchesAcross], y1_[kPatchesAcross];
@@ -240,7 +240,7 @@ struct Sums {
     blue = mul_add(weight, b, blue);
     if constexpr (kDepth) {
       depth = mul_add(weight, hn::IfThenElseZero(where, z), depth);
-      median = hn::IfThenElse(hn::And(where, hn::Gt(transmittance, set(0.5F))), z, median);
+      median = hn::IfThenElse(hn::And(where, hn::Gt(transmittance, all_lanes(0.5F))), z, median);
     }
     transmittance = hn::IfThenElse(where, left, transmittance);
   }

@@ -36,13 +36,15 @@
 HWY_BEFORE_NAMESPACE();
 namespace surfel {
 namespace HWY_NAMESPACE {
-namespace {
 
 namespace hn = hwy::HWY_NAMESPACE;
 using D = hn::CappedTag<float, 16>;
 using V = hn::Vec<D>;
 using M = hn::Mask<D>;
 using Ints = hn::RebindToSigned<D>;
+
+namespace {
+
 using Indices = hn::Vec<Ints>;
 using Vec3 = HWY_NAMESPACE::Vec3<V>;
 

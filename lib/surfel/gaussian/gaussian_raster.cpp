@@ -42,36 +42,37 @@ class Sampler {
 
   HWY_INLINE Exponent at(std::uint32_t index, V x, V y) const {
     const GaussianSplat& s = splats_[index];
-    const V dx = hn::Sub(x, set(s.x));
-    const V dy = hn::Sub(y, set(s.y));
-    const V across = mul_add(set(s.xx), dx, hn::Mul(set(s.xy), dy));
-    const V form = mul_add(across, dx, hn::Mul(hn::Mul(set(s.yy), dy), dy));
+    const V dx = hn::Sub(x, all_lanes(s.x));
+    const V dy = hn::Sub(y, all_lanes(s.y));
+    const V across = mul_add(all_lanes(s.xx), dx, hn::Mul(all_lanes(s.xy), dy));
+    const V form = mul_add(across, dx, hn::Mul(hn::Mul(all_lanes(s.yy), dy), dy));
     Exponent out;
     if constexpr (!kDiscs) {
-      out.log_alpha = hn::Sub(set(s.log_opacity), form);
-      out.depth = set(s.z);
-      out.covered = hn::Ge(out.log_alpha, set(kLeastLogAlpha));
+      out.log_alpha = hn::Sub(all_lanes(s.log_opacity), form);
+      out.depth = all_lanes(s.z);
+      out.covered = hn::Ge(out.log_alpha, all_lanes(kLeastLogAlpha));
       return out;
     }
     const GaussianPerspective& p = perspective_[index];
-    const V linear = mul_add(set(p.dx), dx, hn::Mul(set(p.dy), dy));
-    const V square = mul_add(mul_add(set(p.dxx), dx, hn::Mul(set(p.dxy), dy)), dx,
-                             hn::Mul(hn::Mul(set(p.dyy), dy), dy));
-    const V den = hn::Add(hn::Add(set(p.d), linear), square);
-    const V inv = hn::Div(set(1), den);
+    const V linear = mul_add(all_lanes(p.dx), dx, hn::Mul(all_lanes(p.dy), dy));
+    const V square = mul_add(mul_add(all_lanes(p.dxx), dx, hn::Mul(all_lanes(p.dxy), dy)), dx,
+                             hn::Mul(hn::Mul(all_lanes(p.dyy), dy), dy));
+    const V den = hn::Add(hn::Add(all_lanes(p.d), linear), square);
+    const V inv = hn::Div(all_lanes(1), den);
     // Not below zero, where the plane is seen nearly from its edge and rounding decides.
     const V disc = hn::Max(hn::Mul(form, inv), hn::Zero(D()));
     // The filter's exponent d^2, base 2.
-    const V low_x = hn::Sub(dx, set(s.low_x));
-    const V low_y = hn::Sub(dy, set(s.low_y));
-    const V low = hn::Mul(set(kLog2e), mul_add(low_x, low_x, hn::Mul(low_y, low_y)));
+    const V low_x = hn::Sub(dx, all_lanes(s.low_x));
+    const V low_y = hn::Sub(dy, all_lanes(s.low_y));
+    const V low = hn::Mul(all_lanes(kLog2e), mul_add(low_x, low_x, hn::Mul(low_y, low_y)));
     const M by_disc = hn::Lt(disc, low);
-    out.log_alpha = hn::Sub(set(s.log_opacity), hn::IfThenElse(by_disc, disc, low));
-    const V toward = mul_add(set(p.tx), dx, mul_add(set(p.ty), dy, set(s.z * p.d)));
+    out.log_alpha = hn::Sub(all_lanes(s.log_opacity), hn::IfThenElse(by_disc, disc, low));
+    const V toward =
+        mul_add(all_lanes(p.tx), dx, mul_add(all_lanes(p.ty), dy, all_lanes(s.z * p.d)));
     out.depth = hn::Mul(toward, inv);
     // Where the plane is seen from its edge there is no depth.
-    out.covered = hn::And(hn::Ge(out.log_alpha, set(kLeastLogAlpha)),
-                          hn::And(hn::Gt(den, hn::Zero(D())), hn::Ge(out.depth, set(near_))));
+    out.covered = hn::And(hn::Ge(out.log_alpha, all_lanes(kLeastLogAlpha)),
+                          hn::And(hn::Gt(den, hn::Zero(D())), hn::Ge(out.depth, all_lanes(near_))));
     return out;
   }
 
@@ -97,7 +98,7 @@ class TileRaster {
     HWY_ALIGN float going[kGaussianTilePixels];
     for (std::size_t pixel = 0; pixel < kGaussianTilePixels; pixel += hn::MaxLanes(D())) {
       const M inside = pixels_.in_picture(pixels_.column(pixel), pixels_.row(pixel));
-      hn::Store(hn::IfThenElseZero(inside, set(1)), D(), going + pixel);
+      hn::Store(hn::IfThenElseZero(inside, all_lanes(1)), D(), going + pixel);
     }
     for (std::size_t begin = 0; begin < job_.count; begin += kChunk) {
       list<!kDiscs>(begin, std::min(begin + kChunk, job_.count));
@@ -136,8 +137,8 @@ class TileRaster {
       const PatchBoxes boxes(job_, field, exists);
       if constexpr (kEllipses) {
         const LeastForms forms(field, pixels_.left(), pixels_.top());
-        const V limit =
-            hn::Add(field(offsetof(GaussianSplat, log_opacity)), set(kSlack - kLeastLogAlpha));
+        const V limit = hn::Add(field(offsetof(GaussianSplat, log_opacity)),
+                                all_lanes(kSlack - kLeastLogAlpha));
         for (int r = 0; r < kPatchesAcross; ++r) {
           for (int c = 0; c < kPatchesAcross; ++c) {
             const auto near = hn::RebindMask(du, hn::Le(forms.least(c, r), limit));
@@ -169,8 +170,8 @@ class TileRaster {
     const D d;
     const V x = pixels_.column(pixel);
     const V y = pixels_.row(pixel);
-    const V most = set(most_alpha);
-    const V end = set(kLeastTransmittance);
+    const V most = all_lanes(most_alpha);
+    const V end = all_lanes(kLeastTransmittance);
     Sums<kDepth> sums(tile_, pixel);
     M live = hn::Gt(hn::Load(d, going), hn::Zero(d));
     const std::uint32_t* const listed = first_[patch];
@@ -182,12 +183,13 @@ class TileRaster {
       const M added = hn::And(covered, hn::Ge(left, end));
       const V weight = hn::IfThenElseZero(added, hn::Mul(alpha, sums.transmittance));
       const GaussianSplat& s = sampler.splat(listed[i]);
-      sums.add(added, weight, left, set(s.red), set(s.green), set(s.blue), e.depth);
+      sums.add(added, weight, left, all_lanes(s.red), all_lanes(s.green), all_lanes(s.blue),
+               e.depth);
       live = hn::AndNot(hn::AndNot(added, covered), live);
       if (hn::AllFalse(d, live)) break;
     }
     sums.store(tile_, pixel);
-    hn::Store(hn::IfThenElseZero(live, set(1)), d, going);
+    hn::Store(hn::IfThenElseZero(live, all_lanes(1)), d, going);
     return !hn::AllFalse(d, live);
   }
 
@@ -202,10 +204,10 @@ class TileRaster {
 /// Display's value to linear light (IEC 61966-2-1).
 HWY_INLINE V linear(V value) {
   const D d;
-  const V low = hn::Mul(value, set(1 / 12.92F));
-  const V high =
-      power_of_floats(d, hn::Mul(hn::Add(value, set(0.055F)), set(1 / 1.055F)), set(2.4F));
-  return hn::IfThenElse(hn::Le(value, set(0.04045F)), low, high);
+  const V low = hn::Mul(value, all_lanes(1 / 12.92F));
+  const V high = power_of_floats(
+      d, hn::Mul(hn::Add(value, all_lanes(0.055F)), all_lanes(1 / 1.055F)), all_lanes(2.4F));
+  return hn::IfThenElse(hn::Le(value, all_lanes(0.04045F)), low, high);
 }
 
 }  // namespace
@@ -226,13 +228,14 @@ void write_gaussian_tile_simd(const GaussianTile& tile, int x0, int y0, const Ga
   HWY_ALIGN float pixels[4 * hn::MaxLanes(D())];
   for (std::size_t pixel = 0; pixel < kGaussianTilePixels; pixel += hn::MaxLanes(d)) {
     const V left = hn::Load(d, tile.transmittance + pixel);
-    const V alpha = hn::Add(hn::Sub(set(1), left), hn::Mul(left, set(out.background[3])));
+    const V alpha =
+        hn::Add(hn::Sub(all_lanes(1), left), hn::Mul(left, all_lanes(out.background[3])));
     V color[3];
     const float* const sums[3] = {tile.red, tile.green, tile.blue};
     for (int c = 0; c < 3; ++c) {
-      color[c] = mul_add(left, set(out.background[c]), hn::Load(d, sums[c] + pixel));
+      color[c] = mul_add(left, all_lanes(out.background[c]), hn::Load(d, sums[c] + pixel));
       if (out.display) continue;
-      const V inv = hn::Div(set(1), hn::Max(alpha, set(1e-12F)));
+      const V inv = hn::Div(all_lanes(1), hn::Max(alpha, all_lanes(1e-12F)));
       color[c] = hn::Mul(linear(hn::Mul(color[c], inv)), alpha);
     }
     hn::StoreInterleaved4(color[0], color[1], color[2], alpha, d, pixels);

@@ -40,10 +40,10 @@ class RaySampler {
   RaySampler() = default;
   RaySampler(const GaussianView& view, V x, V y)
       : near_(view.near), density_(view.rule == AmplitudeRule::kDensity), x_(x), y_(y) {
-    const V slope_x = hn::Mul(hn::Sub(x, set(view.center_x)), set(1 / view.focal_x));
-    const V slope_y = hn::Mul(hn::Sub(y, set(view.center_y)), set(1 / view.focal_y));
-    ray_length_ = hn::Sqrt(mul_add(slope_x, slope_x, mul_add(slope_y, slope_y, set(1))));
-    if (view.orthographic) ray_length_ = set(1);
+    const V slope_x = hn::Mul(hn::Sub(x, all_lanes(view.center_x)), all_lanes(1 / view.focal_x));
+    const V slope_y = hn::Mul(hn::Sub(y, all_lanes(view.center_y)), all_lanes(1 / view.focal_y));
+    ray_length_ = hn::Sqrt(mul_add(slope_x, slope_x, mul_add(slope_y, slope_y, all_lanes(1))));
+    if (view.orthographic) ray_length_ = all_lanes(1);
   }
 
   /// Alpha, 0 where there is none, and the depth of the largest contribution.
@@ -51,29 +51,31 @@ class RaySampler {
                      V& depth) const {
     const D d;
     const V zero = hn::Zero(d);
-    const V dx = hn::Sub(x_, set(s.x));
-    const V dy = hn::Sub(y_, set(s.y));
-    const V across = mul_add(set(s.xx), dx, hn::Mul(set(s.xy), dy));
-    const V form = mul_add(across, dx, hn::Mul(hn::Mul(set(s.yy), dy), dy));
-    const V den_y = mul_add(mul_add(set(p.dyy), dy, set(p.dy)), dy, set(p.d));
-    const V den_x = mul_add(set(p.dxy), dy, mul_add(set(p.dxx), dx, set(p.dx)));
+    const V dx = hn::Sub(x_, all_lanes(s.x));
+    const V dy = hn::Sub(y_, all_lanes(s.y));
+    const V across = mul_add(all_lanes(s.xx), dx, hn::Mul(all_lanes(s.xy), dy));
+    const V form = mul_add(across, dx, hn::Mul(hn::Mul(all_lanes(s.yy), dy), dy));
+    const V den_y = mul_add(mul_add(all_lanes(p.dyy), dy, all_lanes(p.dy)), dy, all_lanes(p.d));
+    const V den_x = mul_add(all_lanes(p.dxy), dy, mul_add(all_lanes(p.dxx), dx, all_lanes(p.dx)));
     const V den = mul_add(den_x, dx, den_y);
-    const V toward = mul_add(set(p.tx), dx, mul_add(set(p.ty), dy, set(s.z * p.d)));
-    const V inv = hn::Div(set(1), den);
+    const V toward =
+        mul_add(all_lanes(p.tx), dx, mul_add(all_lanes(p.ty), dy, all_lanes(s.z * p.d)));
+    const V inv = hn::Div(all_lanes(1), den);
     const V exponent = hn::Max(hn::Mul(form, inv), zero);
     const V t = hn::Mul(toward, inv);
-    const M covered =
-        hn::And(hn::And(hn::Le(exponent, set(s.cut)), hn::Gt(den, zero)), hn::Gt(t, set(near_)));
-    V value = exp2_of(hn::Max(hn::Sub(set(s.log_opacity), exponent), set(-100)));
+    const M covered = hn::And(hn::And(hn::Le(exponent, all_lanes(s.cut)), hn::Gt(den, zero)),
+                              hn::Gt(t, all_lanes(near_)));
+    V value = exp2_of(hn::Max(hn::Sub(all_lanes(s.log_opacity), exponent), all_lanes(-100)));
     if (density_) {
       const V tau = hn::Mul(hn::Mul(value, ray_length_), hn::Sqrt(inv));
-      value = hn::Sub(set(1), exp2_of(hn::Max(hn::Mul(set(-kLog2e), tau), set(-100))));
+      value = hn::Sub(all_lanes(1),
+                      exp2_of(hn::Max(hn::Mul(all_lanes(-kLog2e), tau), all_lanes(-100))));
     }
     alpha = hn::IfThenElseZero(covered, value);
     // Pixels without a contribution keep the order that the splat has beside them, as far as it
     // reaches, lest they move through the list of contributions that wait.
-    depth = hn::IfThenElse(hn::Gt(t, set(s.nearest)), t, set(s.nearest));
-    const V farthest = set(2 * s.z - s.nearest);
+    depth = hn::IfThenElse(hn::Gt(t, all_lanes(s.nearest)), t, all_lanes(s.nearest));
+    const V farthest = all_lanes(2 * s.z - s.nearest);
     depth = hn::IfThenElse(hn::Gt(depth, farthest), farthest, depth);
   }
 
@@ -141,10 +143,10 @@ class RayTile {
     const D d;
     const std::size_t count = job_.count;
     scratch_.depth.resize(room_);
-    V least = set(__builtin_inff());
+    V least = all_lanes(__builtin_inff());
     V most = hn::Zero(d);
-    const V middle_x = set(pixels_.left() + 0.5F * (kGaussianTile - 1));
-    const V middle_y = set(pixels_.top() + 0.5F * (kGaussianTile - 1));
+    const V middle_x = all_lanes(pixels_.left() + 0.5F * (kGaussianTile - 1));
+    const V middle_y = all_lanes(pixels_.top() + 0.5F * (kGaussianTile - 1));
     for (std::size_t i = 0; i < count; i += kLanes) {
       for (std::size_t k = i + 2 * kLanes; k < std::min(i + 3 * kLanes, count); ++k) {
         hwy::Prefetch(job_.splats + job_.order[k]);
@@ -206,9 +208,9 @@ class RayTile {
       const V dyy = p(offsetof(GaussianPerspective, dyy));
       const V tx = p(offsetof(GaussianPerspective, tx));
       const V ty = p(offsetof(GaussianPerspective, ty));
-      spread_ = hn::Mul(set(kHalf), hn::Add(hn::Abs(tx), hn::Abs(ty)));
+      spread_ = hn::Mul(all_lanes(kHalf), hn::Add(hn::Abs(tx), hn::Abs(ty)));
       // Second derivatives over a patch.
-      const V bend = hn::Mul(set(kHalf * kHalf), hn::Add(hn::Add(dxx, dyy), hn::Abs(dxy_)));
+      const V bend = hn::Mul(all_lanes(kHalf * kHalf), hn::Add(hn::Add(dxx, dyy), hn::Abs(dxy_)));
       for (int k = 0; k < kPatchesAcross; ++k) {
         x_[k] = forms_.to_column(k);
         y_[k] = forms_.to_row(k);
@@ -228,9 +230,9 @@ class RayTile {
       const V den = mul_add(mixed, x_[column], hn::Add(den_x_[column], den_y_[row]));
       const V slope = hn::Add(hn::Abs(hn::Add(slope_x_[column], mixed)),
                               hn::Abs(mul_add(dxy_, x_[column], slope_y_[row])));
-      const V most_den = mul_add(set(kHalf), slope, den);
+      const V most_den = mul_add(all_lanes(kHalf), slope, den);
       const V toward = hn::Sub(hn::Add(toward_x_[column], toward_y_[row]), spread_);
-      const V inv = hn::Div(set(1 - kNearer), most_den);
+      const V inv = hn::Div(all_lanes(1 - kNearer), most_den);
       exponent = hn::Mul(forms_.least(column, row), inv);
       const V bound = hn::Mul(toward, inv);
       depth = hn::IfThenElse(hn::Gt(bound, nearest_), bound, nearest_);
@@ -281,7 +283,7 @@ class RayTile {
           V exponent, depth;
           const M any = bounds.within(c, r, exponent, depth);
           const V excess = hn::Sub(exponent, cut);
-          const M near = hn::And(any, hn::Le(excess, set(kSlackOfExcess)));
+          const M near = hn::And(any, hn::Le(excess, all_lanes(kSlackOfExcess)));
           const auto patch = static_cast<std::size_t>(r * kPatchesAcross + c);
           const Compressor<Unsigned> met(hn::And(boxes.met(c, r), hn::RebindMask(du, near)));
           const std::size_t to = patch * room_ + count_[patch];
@@ -379,7 +381,7 @@ class RayTile {
         const std::size_t pixel = patch * kPatchPixels + part * kLanes;
         sums_[part] = Sums<kDepth>(tile, pixel);
         const M inside = pixels.in_picture(pixels.column(pixel), pixels.row(pixel));
-        live_[part] = hn::IfThenElseZero(inside, set(1));
+        live_[part] = hn::IfThenElseZero(inside, all_lanes(1));
       }
     }
     /// Adds a row of fragments.
@@ -429,8 +431,8 @@ class RayTile {
       const M added = hn::And(where, hn::Gt(live_[part], hn::Zero(d)));
       const V weight = hn::IfThenElseZero(added, hn::Mul(c.alpha, sums.transmittance));
       sums.add(added, weight, left, c.red, c.green, c.blue, c.depth);
-      live_[part] =
-          hn::IfThenElseZero(hn::Ge(sums.transmittance, set(kLeastTransmittance)), live_[part]);
+      live_[part] = hn::IfThenElseZero(hn::Ge(sums.transmittance, all_lanes(kLeastTransmittance)),
+                                       live_[part]);
     }
 
     const GaussianRayScratch& scratch_;
@@ -484,10 +486,10 @@ class RayTile {
       const D d;
       Contribution& sum = surface_[part];
       const M any = hn::And(where, hn::Gt(sum.alpha, hn::Zero(d)));
-      const V inv = hn::Div(set(1), hn::IfThenElse(any, sum.alpha, set(1)));
+      const V inv = hn::Div(all_lanes(1), hn::IfThenElse(any, sum.alpha, all_lanes(1)));
       Contribution mean;
       mean.depth = hn::Mul(sum.depth, inv);
-      mean.alpha = hn::Min(sum.alpha, set(1));
+      mean.alpha = hn::Min(sum.alpha, all_lanes(1));
       mean.red = hn::Mul(sum.red, inv);
       mean.green = hn::Mul(sum.green, inv);
       mean.blue = hn::Mul(sum.blue, inv);
@@ -507,7 +509,7 @@ class RayTile {
     while (!waiting.empty()) {
       const float* const row = waiting.first();
       for (std::size_t part = 0; part < kParts; ++part) {
-        if (!hn::AllTrue(d, hn::Lt(hn::Load(d, row + part * kLanes), set(bound)))) return;
+        if (!hn::AllTrue(d, hn::Lt(hn::Load(d, row + part * kLanes), all_lanes(bound)))) return;
       }
       blend.add(row);
       waiting.drop_first();

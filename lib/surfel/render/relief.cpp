@@ -151,7 +151,7 @@ HWY_EXPORT(relief_row);
 
 /// How far horizons are looked for, as a share of the picture's shorter side. Hollows of this size
 /// read as such in pictures of whole objects; twice as far costs the details and gains little.
-constexpr double kReach = 0.06;
+constexpr double kReliefReach = 0.06;
 /// Rings of taps, each at half the distance of the next, and pairs of opposite directions.
 constexpr int kRings = 5;
 constexpr int kPairs = 6;
@@ -163,7 +163,7 @@ double shorter_side(const Camera& camera) { return std::min(camera.width, camera
 /// Distance of the outermost ring, pixels.
 double reach_px(Relief relief, const Camera& camera) {
   const double first = std::ldexp(1, kDomeRings - 1) / 512;
-  return std::max(1.0, (relief == Relief::kEyeDome ? first : kReach) * shorter_side(camera));
+  return std::max(1.0, (relief == Relief::kEyeDome ? first : kReliefReach) * shorter_side(camera));
 }
 
 ReliefTaps make_taps(const Camera& camera, Relief relief, std::ptrdiff_t stride) {

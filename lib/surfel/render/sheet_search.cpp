@@ -376,8 +376,8 @@ std::vector<SurfaceSheet> find_sheets(const SurfelColumns& surfels, const std::u
 bool may_sum_up(const SurfaceSheet& sheet, const SplatView& view, float epsilon) {
   // Most pixels of a splat's side: larger splats fill vectors of pixels by themselves.
   constexpr float kMostSide = 8;
-  // Most pixels of a sheet, by the number of its splats.
-  constexpr float kMostPixels = 12;
+  // Most pixels of a sheet for each of its splats.
+  constexpr float kMostPixelsEach = 12;
   constexpr float kMostOff = 0.5F;  // By epsilon.
   float p[3];
   float axis[3];
@@ -394,7 +394,7 @@ bool may_sum_up(const SurfaceSheet& sheet, const SplatView& view, float epsilon)
   const float reach = focal * sheet.max_deviation / z;
   if (2 * std::sqrt(2 * view.cutoff * (reach * reach + view.lowpass2)) > kMostSide) return false;
   const float side = 2 * focal * sheet.radius / z;
-  if (side * side > kMostPixels * static_cast<float>(sheet.count)) return false;
+  if (side * side > kMostPixelsEach * static_cast<float>(sheet.count)) return false;
   const float distance =
       view.orthographic ? 1.0F : std::sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2]);
   const float along =

@@ -18,17 +18,17 @@ namespace {
 
 namespace hn = hwy::HWY_NAMESPACE;
 
-constexpr std::size_t kChannels = 4;  ///< Numbers of a Channels (sparse_matrix.h).
-using Tag = hn::CappedTag<double, kChannels>;
-constexpr std::size_t kLanes = std::min(kChannels, hn::MaxLanes(Tag()));
-constexpr std::size_t kParts = kChannels / kLanes;
+constexpr std::size_t kRowChannels = 4;  ///< Numbers of a Channels (sparse_matrix.h).
+using RowTag = hn::CappedTag<double, kRowChannels>;
+constexpr std::size_t kRowLanes = std::min(kRowChannels, hn::MaxLanes(RowTag()));
+constexpr std::size_t kRowParts = kRowChannels / kRowLanes;
 /// Sums side by side, as an addition takes several cycles.
 constexpr std::size_t kSums = 2;
 
 /// Unknown i, and the sums of its row.
 struct Row {
-  hn::Vec<Tag> x[kParts];
-  hn::Vec<Tag> sum[kSums][kParts];
+  hn::Vec<RowTag> x[kRowParts];
+  hn::Vec<RowTag> sum[kSums][kRowParts];
 };
 
 /// Entries [begin, end), of row i, both ways: adds a_ij x_j to the row's sums, and a_ij x_i to the
@@ -36,17 +36,17 @@ struct Row {
 template <class Target>
 HWY_INLINE void add_entries(const SymmetricMatrix& matrix, std::uint64_t begin, std::uint64_t end,
                             const double* HWY_RESTRICT x, const Target& target, Row& row) {
-  const Tag d;
+  const RowTag d;
   const double* const value = matrix.value.data();
   const std::uint32_t* const column = matrix.column.data();
   const auto add = [&](std::size_t slot, std::uint64_t entry) HWY_ATTR {
     const std::size_t j = column[entry];
     const auto factor = hn::Set(d, value[entry]);
     double* to = target(entry, j);
-    for (std::size_t part = 0; part < kParts; ++part) {
-      const std::size_t lane = part * kLanes;
-      hn::Vec<Tag>& sum = row.sum[slot][part];
-      sum = mul_add(factor, hn::LoadU(d, x + kChannels * j + lane), sum);
+    for (std::size_t part = 0; part < kRowParts; ++part) {
+      const std::size_t lane = part * kRowLanes;
+      hn::Vec<RowTag>& sum = row.sum[slot][part];
+      sum = mul_add(factor, hn::LoadU(d, x + kRowChannels * j + lane), sum);
       hn::StoreU(mul_add(factor, row.x[part], hn::LoadU(d, to + lane)), d, to + lane);
     }
   };
@@ -64,7 +64,7 @@ HWY_INLINE void add_entries(const SymmetricMatrix& matrix, std::uint64_t begin, 
 /// \param slot  place in the halo of the row of every entry before the range.
 void multiply_range(const SymmetricMatrix& matrix, std::size_t begin, const std::uint32_t* slot,
                     const double* x, double* y, double* halo) {
-  const Tag d;
+  const RowTag d;
   const std::uint32_t* column = matrix.column.data();
   const std::size_t end = std::min(begin + SymmetricProduct::kRange, matrix.rows());
   for (std::size_t i = begin; i < end; ++i) {
@@ -73,20 +73,21 @@ void multiply_range(const SymmetricMatrix& matrix, std::size_t begin, const std:
     const auto inside =
         static_cast<std::uint64_t>(std::lower_bound(column + first, column + last, begin) - column);
     Row row;
-    for (std::size_t part = 0; part < kParts; ++part) {
-      row.x[part] = hn::LoadU(d, x + kChannels * i + part * kLanes);
+    for (std::size_t part = 0; part < kRowParts; ++part) {
+      row.x[part] = hn::LoadU(d, x + kRowChannels * i + part * kRowLanes);
       row.sum[0][part] = hn::Mul(hn::Set(d, matrix.value[last]), row.x[part]);
       for (std::size_t sum = 1; sum < kSums; ++sum) row.sum[sum][part] = hn::Zero(d);
     }
     const auto outside = [&](std::uint64_t entry, std::size_t) {
-      return halo + kChannels * slot[entry - first];
+      return halo + kRowChannels * slot[entry - first];
     };
-    const auto own = [&](std::uint64_t, std::size_t j) { return y + kChannels * j; };
+    const auto own = [&](std::uint64_t, std::size_t j) { return y + kRowChannels * j; };
     add_entries(matrix, first, inside, x, outside, row);
     add_entries(matrix, inside, last, x, own, row);
     slot += inside - first;
-    for (std::size_t part = 0; part < kParts; ++part) {
-      hn::StoreU(hn::Add(row.sum[0][part], row.sum[1][part]), d, y + kChannels * i + part * kLanes);
+    for (std::size_t part = 0; part < kRowParts; ++part) {
+      hn::StoreU(hn::Add(row.sum[0][part], row.sum[1][part]), d,
+                 y + kRowChannels * i + part * kRowLanes);
     }
   }
 }

@@ -17,10 +17,11 @@
 HWY_BEFORE_NAMESPACE();
 namespace surfel {
 namespace HWY_NAMESPACE {
-namespace {
 
 using Tags = hn::RebindToUnsigned<D>;
 using Ints = hn::RebindToSigned<D>;
+
+namespace {
 
 /// Places of a splat's attributes among its floats.
 constexpr int kSplatFloats = sizeof(Splat) / sizeof(float);

@@ -46,8 +46,8 @@ namespace HWY_NAMESPACE {
 namespace {
 
 namespace hn = hwy::HWY_NAMESPACE;
-constexpr std::size_t kWidth = PointTree::kWidth;
-using D = hn::CappedTag<float, kWidth>;
+constexpr std::size_t kLeafWidth = PointTree::kWidth;
+using D = hn::CappedTag<float, kLeafWidth>;
 using V = hn::Vec<D>;
 using Key = ExactSearch::Key;
 
@@ -205,7 +205,7 @@ class Searcher {
       return hn::Max(hn::Max(below, above), zero);
     };
     std::uint32_t bits = 0;
-    for (std::size_t i = 0; i < kWidth; i += hn::Lanes(d)) {
+    for (std::size_t i = 0; i < kLeafWidth; i += hn::Lanes(d)) {
       const V distance2 = squared_length(gap(0, i), gap(1, i), gap(2, i));
       std::uint8_t bytes[8] = {};
       hn::StoreMaskBits(d, hn::Le(distance2, hn::Set(d, reach2)), bytes);
@@ -293,13 +293,13 @@ class Searcher {
 
   void make_room() {
     // A vector is stored whole, however few of its lanes count.
-    const std::size_t slots = leaves_.size() * kWidth;
+    const std::size_t slots = leaves_.size() * kLeafWidth;
     if (distance2_.size() < slots) {
       distance2_.resize(slots);
-      slot_.resize(slots + kWidth);
-      key_.resize(slots + kWidth);
-      rank_.resize(slots + kWidth);
-      sorted_.resize(slots + kWidth);
+      slot_.resize(slots + kLeafWidth);
+      key_.resize(slots + kLeafWidth);
+      rank_.resize(slots + kLeafWidth);
+      sorted_.resize(slots + kLeafWidth);
     }
   }
 
@@ -318,11 +318,11 @@ class Searcher {
     std::size_t count = 0;
     for (std::size_t j = 0; j < leaves_.size(); ++j) {
       const PointTree::Leaf& leaf = tree_.leaf(leaves_[j]);
-      for (std::size_t i = 0; i < kWidth; i += hn::Lanes(d)) {
+      for (std::size_t i = 0; i < kLeafWidth; i += hn::Lanes(d)) {
         const V length2 =
             squared_length(hn::Sub(hn::Load(d, leaf.x + i), x), hn::Sub(hn::Load(d, leaf.y + i), y),
                            hn::Sub(hn::Load(d, leaf.z + i), z));
-        const std::size_t first = j * kWidth + i;
+        const std::size_t first = j * kLeafWidth + i;
         hn::Store(length2, d, distance2 + first);
         const auto near = hn::Le(length2, bound);
         const auto slots = hn::Add(lanes, hn::Set(du, static_cast<std::uint32_t>(first)));
@@ -389,15 +389,15 @@ class Searcher {
     Key* key = key_.data();
     for (std::size_t i = 0; i < count; ++i) {
       const std::uint32_t slot = slot_[i];
-      const PointTree::Leaf& leaf = tree_.leaf(leaves_[slot / kWidth]);
+      const PointTree::Leaf& leaf = tree_.leaf(leaves_[slot / kLeafWidth]);
       key[i] =
-          Key{std::bit_cast<std::uint32_t>(distance2_[slot])} << 32 | leaf.index[slot % kWidth];
+          Key{std::bit_cast<std::uint32_t>(distance2_[slot])} << 32 | leaf.index[slot % kLeafWidth];
     }
     const std::size_t kept = std::min(count, k_);
     if (count > kMostRanked) return sorted_by_buckets(count, kept);
     // The place of a key is the number of smaller keys. As signed numbers keys have the same order,
     // since the sign of a squared distance is clear, and more instruction sets compare signed ones.
-    const hn::CappedTag<std::int64_t, kWidth / 2> d;
+    const hn::CappedTag<std::int64_t, kLeafWidth / 2> d;
     const auto* signed_key = reinterpret_cast<const std::int64_t*>(key);
     for (std::size_t i = 0; i < count; i += hn::Lanes(d)) {
       const auto own = hn::Load(d, signed_key + i);

@@ -155,9 +155,9 @@ void PointTree::cut_leaves(std::span<const Vec3f> place, std::size_t begin,
 }
 
 void PointTree::fill_leaves(std::span<const Vec3f> place) {
-  constexpr std::size_t kLeafGrain = kTreeGrain / kWidth;
+  constexpr std::size_t kLeavesGrain = kTreeGrain / kWidth;
   leaf_.resize(leaf_place_.size() - 1);
-  parallel_for(leaf_.size(), kLeafGrain, [&](std::size_t begin, std::size_t end, int) {
+  parallel_for(leaf_.size(), kLeavesGrain, [&](std::size_t begin, std::size_t end, int) {
     constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
     for (std::size_t l = begin; l < end; ++l) {
       Leaf& leaf = leaf_[l];
