@@ -6,6 +6,7 @@
 
 #include <surfel/base/peers.h>
 #include <surfel/base/progress.h>
+#include <surfel/estimate/block_turns.h>
 #include <surfel/estimate/forest_blocks.h>
 #include <surfel/estimate/surface_edges.h>
 
@@ -56,34 +57,6 @@ class ForestPass {
   BlockPass pass_;
 };
 
-/// Makes the forests of all blocks, one in each process at a time, for process 0, which has
-/// `sides`.
-void make_forests(const BlockCloud& cloud, ForestSides* sides) {
-  const RunIndex& index = cloud.index();
-  const std::size_t block_runs = cloud.sizes.block_runs;
-  const int processes = cloud.peers ? cloud.peers->count() : 1;
-  const int rank = cloud.peers ? cloud.peers->rank() : 0;
-  const ForestPass pass(cloud);
-  ProgressStage progress("finding sides", index.points(), "points");
-  const std::size_t together = block_runs * static_cast<std::size_t>(processes);
-  for (std::size_t first = 0; first < index.size(); first += together) {
-    const std::size_t begin =
-        std::min(first + static_cast<std::size_t>(rank) * block_runs, index.size());
-    BlockForest mine;
-    if (begin < index.size()) mine = pass.make(begin, std::min(begin + block_runs, index.size()));
-    if (sides) sides->add(mine);
-    // Process 0 has room for one at a time.
-    for (int sender = 1; sender < processes; ++sender) {
-      std::vector<Bytes> to(static_cast<std::size_t>(processes));
-      if (rank == sender && begin < index.size()) to[0] = mine.bytes();
-      const std::vector<Bytes> from = cloud.peers->exchange(std::move(to));
-      const Bytes& sent = from[static_cast<std::size_t>(sender)];
-      if (sides && !sent.empty()) sides->add(BlockForest::of(sent));
-    }
-    progress.add(index.begin(std::min(first + together, index.size())) - index.begin(first));
-  }
-}
-
 /// Leaves the points of a block around which parts may be joined.
 void leave_coming(const ForestSides& sides, std::uint64_t first_number,
                   Array<std::uint32_t>& points) {
@@ -119,6 +92,8 @@ void join_parts(const BlockCloud& cloud, ForestSides& sides) {
           [&](std::size_t i) { return search.certain(i); }, joins);
       return pass.uncertain(loaded, search, block);
     });
+    sides.require_room_for(
+        joins, static_cast<double>(index.begin(end)) / static_cast<double>(index.points()));
     progress.add(index.begin(end) - index.begin(begin));
   });
   sides.join(joins);
@@ -151,7 +126,11 @@ TurnedPoints find_sides_along_surface(const BlockCloud& cloud) {
                                        .of_memory = cloud.sizes.all_memory,
                                        .beside = cloud.beside});
   }
-  make_forests(cloud, sides ? &*sides : nullptr);
+  const ForestPass pass(cloud);
+  make_in_turns<BlockForest>(
+      cloud, "finding sides",
+      [&](std::size_t begin, std::size_t end) { return pass.make(begin, end); },
+      [&](const BlockForest& forest) { sides->add(forest); });
   TurnedPoints found;
   if (sides) {
     sides->unite();

@@ -1,6 +1,10 @@
+#include <cstring>
+#include <utility>
+
 #include <fmt/format.h>
 #include <surfel/base/error.h>
-#include <surfel/base/progress.h>
+#include <surfel/base/peers.h>
+#include <surfel/estimate/block_turns.h>
 #include <surfel/estimate/winding_blocks.h>
 
 namespace surfel {
@@ -18,14 +22,45 @@ void require_room_for_tiles(const BlockCloud& cloud) {
   }
 }
 
+/// The finite points of a block with their normals.
+struct BlockNormals {
+  Array<Vec3f> position, normal;
+
+  Bytes bytes() const {
+    Bytes out(2 * position.size() * sizeof(Vec3f));
+    std::memcpy(out.data(), position.data(), out.size() / 2);
+    std::memcpy(out.data() + out.size() / 2, normal.data(), out.size() / 2);
+    return out;
+  }
+  static BlockNormals of(const Bytes& bytes) {
+    const std::size_t count = bytes.size() / 2 / sizeof(Vec3f);
+    BlockNormals out{Array<Vec3f>(count), Array<Vec3f>(count)};
+    const auto half = static_cast<std::ptrdiff_t>(bytes.size() / 2);
+    std::memcpy(static_cast<void*>(out.position.data()), bytes.data(), bytes.size() / 2);
+    std::memcpy(static_cast<void*>(out.normal.data()), bytes.data() + half, bytes.size() / 2);
+    return out;
+  }
+};
+
+BlockNormals normals_of(const BlockPass& pass, const BlockCloud& cloud, std::size_t begin_run,
+                        std::size_t end_run) {
+  BlockPoints block = pass.read(begin_run, end_run, false);
+  BlockNormals out;
+  out.normal.resize(block.cloud.size());
+  pass.look_at(pass.along_curve(block), block, [&](const LoadedBlock& loaded) {
+    const HaloNormals found(loaded, cloud);
+    loaded.for_each_certain(found.search, [&](std::size_t i, std::size_t to) {
+      out.normal[to] = found.normals.normal[i];
+    });
+    return pass.uncertain(loaded, found.search, block);
+  });
+  out.position = std::move(block.cloud.position);
+  return out;
+}
+
 }  // namespace
 
 std::unique_ptr<StoredSides> find_sides_by_winding(const BlockCloud& cloud) {
-  if (cloud.peers) {
-    throw_usage(
-        "sides by winding are found by one process alone: orient by up, viewpoint, align or none, "
-        "or start one process");
-  }
   require_room_for_tiles(cloud);
   const RunIndex& index = cloud.index();
   RunSearch search(cloud.points, index);
@@ -35,22 +70,13 @@ std::unique_ptr<StoredSides> find_sides_by_winding(const BlockCloud& cloud) {
         search.nearest(place, k, out);
       },
       cloud.beside);
-  ProgressStage progress("finding sides", index.points(), "points");
   const BlockPass pass(cloud, BlockPass::normal_halo(cloud));
-  cloud.for_each_block([&](std::size_t begin, std::size_t end) {
-    BlockPoints block = pass.read(begin, end, false);
-    Array<Vec3f> normal(block.cloud.size());
-    pass.look_at(pass.along_curve(block), block, [&](const LoadedBlock& loaded) {
-      const HaloNormals found(loaded, cloud);
-      loaded.for_each_certain(found.search, [&](std::size_t i, std::size_t to) {
-        normal[to] = found.normals.normal[i];
-      });
-      return pass.uncertain(loaded, found.search, block);
-    });
-    sides->add(block.cloud.position, normal);
-    progress.add(index.begin(end) - index.begin(begin));
-  });
-  sides->finish();
+  make_in_turns<BlockNormals>(
+      cloud, "finding sides",
+      [&](std::size_t begin, std::size_t end) { return normals_of(pass, cloud, begin, end); },
+      [&](const BlockNormals& block) { sides->add(block.position, block.normal); });
+  if (!cloud.peers || cloud.peers->rank() == 0) sides->finish();
+  if (cloud.peers) sides->share(*cloud.peers);
   return sides;
 }
 
