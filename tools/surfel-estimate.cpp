@@ -342,7 +342,8 @@ void estimate_in_blocks(surfel::tool::Tool& tool, Settings& s, const surfel::Clo
   constexpr std::uint64_t kProcess = std::uint64_t{48} << 20;
   surfel::tool::BlockWriter writer(
       tool, s.output,
-      {.job = surfel::tool::job(tool, s.resume, {s.input}, s.output), .peers = ranks});
+      {.job = surfel::tool::job(tool, s.resume, {s.input}, s.output, ranks != nullptr),
+       .peers = ranks});
   surfel::EstimateReport estimate;
   surfel::estimate_by_blocks(cloud, s.estimate,
                              {.memory = memory - std::min(memory / 2, kProcess),

@@ -140,7 +140,8 @@ void add_levels_of_surfels(surfel::tool::Tool& tool, const Settings& s, surfel::
   options.memory = surfel::memory_to_use(s.memory);
   surfel::LevelsWriter writer(
       s.output, tool.provenance(),
-      {tool.common().no_clobber, surfel::tool::job(tool, s.resume, {s.input}, s.output), ranks});
+      {tool.common().no_clobber,
+       surfel::tool::job(tool, s.resume, {s.input}, s.output, ranks != nullptr), ranks});
   if (s.resume) options.checkpoints = &writer.file();
   options.peers = ranks;
   surfel::HierarchyReport levels;

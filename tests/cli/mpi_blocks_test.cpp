@@ -2,11 +2,13 @@
 
 #include <filesystem>
 #include <string>
+#include <utility>
 
 #include <gtest/gtest.h>
 
 #include "support/mpi_test_base.h"
 #include "support/run_tool.h"
+#include "support/sanitized.h"
 
 namespace surfel::test {
 namespace {
@@ -52,6 +54,7 @@ TEST_F(MpiBlocks, AnyNumberOfProcessesMakesTheSameBytes) {
   };
   expect_same("surfel-estimate", {"--orient", "up", "--memory", "4M"});
   expect_same("surfel-estimate", {"--orient", "mst", "--memory", "16M"});
+  expect_same("surfel-estimate", {"--orient", "winding", "--memory", "64M"});
   expect_same("surfel-lod", {"--reduction", "9"});
 }
 
@@ -71,6 +74,54 @@ TEST_F(MpiBlocks, ProcessorsMayDiffer) {
   }
 }
 
+TEST_F(MpiBlocks, WorkThatIsKilledIsTakenUpByAnyNumberOfProcesses) {
+  if (kSanitized) GTEST_SKIP() << "sanitizers want to be loaded before all other libraries";
+  struct Work {
+    std::string name;
+    Words options;
+    int first_write;  ///< Before which the first run is killed.
+  };
+  for (const Work& work : {Work{"surfel-estimate", {"--orient", "up", "--memory", "4M"}, 4},
+                           Work{"surfel-estimate", {"--orient", "mst", "--memory", "16M"}, 4},
+                           Work{"surfel-lod", {"--reduction", "9"}, 9}}) {
+    Words alone{tool(work.name), points_, "-o", folder_ / "alone.ply"};
+    alone.insert(alone.end(), work.options.begin(), work.options.end());
+    ASSERT_EQ(run(alone).exit_code, 0);
+    Words command{tool(work.name), points_, "--threads", "1", "--resume", "-o", out_};
+    command.insert(command.end(), work.options.begin(), work.options.end());
+    // How many processes each run has, and how many writes later than in the first run each of them
+    // is killed.
+    int taken_up = 0;
+    int kills = 0;
+    for (const auto& [ranks, later] : {std::pair{2, 0}, {3, 0}, {1, 3}, {2, 2}}) {
+      Words killed{"env",
+                   "LD_PRELOAD=" + std::string(SURFEL_FAULT_LIBRARY),
+                   "FAULT_CALL=pwrite",
+                   "FAULT_NUMBER=" + std::to_string(work.first_write + later),
+                   "FAULT_ERROR=-2",
+                   "FAULT_SEEN=" + (folder_ / "seen")};
+      killed.insert(killed.end(), command.begin(), command.end());
+      const RunResult result = ranks > 1 ? run_ranks(ranks, killed) : run(killed);
+      taken_up += contains(result.errors, "going on where an earlier run stopped") ? 1 : 0;
+      if (result.exit_code == 0) break;
+      ++kills;
+      EXPECT_FALSE(fs::exists(out_)) << work.name;
+    }
+    EXPECT_GT(kills, 1) << work.name;
+    if (!fs::exists(out_)) {
+      const RunResult result = run_ranks(2, command);
+      EXPECT_EQ(result.exit_code, 0) << result.errors;
+      taken_up += contains(result.errors, "going on where an earlier run stopped") ? 1 : 0;
+    }
+    EXPECT_GT(taken_up, 0) << work.name;
+    EXPECT_TRUE(read_text(out_) == read_text(folder_ / "alone.ply")) << work.name;
+    fs::remove(folder_ / "seen");
+    fs::remove(folder_ / "alone.ply");
+    fs::remove(out_);
+    EXPECT_EQ(entries(folder_ / "").size(), 1U) << work.name;
+  }
+}
+
 TEST_F(MpiBlocks, WhatOneProcessCanDoAloneIsRefused) {
   const auto expect_refused = [&](const std::string& name, const Words& options,
                                   const std::string& message) {
@@ -81,10 +132,7 @@ TEST_F(MpiBlocks, WhatOneProcessCanDoAloneIsRefused) {
   };
   expect_refused("surfel-estimate", {"--orient", "up", "-o", folder_ / "out.xyz"},
                  "several processes write PLY alone");
-  expect_refused("surfel-estimate", {"--orient", "up", "--resume", "-o", out_},
-                 "--resume is for one process");
-  expect_refused("surfel-estimate", {"-o", out_}, "sides by winding are found by one process");
-  expect_refused("surfel-lod", {"--resume", "-o", out_}, "--resume is for one process");
+  expect_refused("surfel-group", {"--resume", "-o", out_}, "--resume is for one process");
 }
 
 TEST_F(MpiBlocks, AProcessThatFailsEndsTheRunAndOlderFilesStay) {

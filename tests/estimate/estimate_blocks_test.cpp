@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <cmath>
 #include <cstring>
 #include <limits>
@@ -13,6 +14,7 @@
 #include <surfel/estimate/estimate_blocks.h>
 #include <surfel/estimate/loaded_runs.h>
 #include <surfel/estimate/place_sample.h>
+#include <surfel/estimate/range_normals.h>
 #include <surfel/estimate/run_index.h>
 #include <surfel/io/cloud_io.h>
 #include <surfel/io/row_file.h>
@@ -310,6 +312,21 @@ TEST(EstimateBlocks, SidesAlongTheSurfaceAreOfTheWholeSurface) {
   }
 }
 
+TEST(EstimateBlocks, ManySmallPartsAreJoinedAlike) {
+  // Patches so far apart that no point has its nearest ones in another.
+  SurfelCloud cloud;
+  for (std::uint64_t i = 0; i < 18 * 18 * 25; ++i) {
+    const auto noise = [&](std::uint64_t d) { return 0.2 * random_uniform(13, i, d); };
+    const std::uint64_t patch = i / 25;
+    const double x = 12 * static_cast<double>(patch % 18) + static_cast<double>(i % 5);
+    const double y = 12 * static_cast<double>(patch / 18) + static_cast<double>(i / 5 % 5);
+    cloud.position.emplace_back(Vec3d(x + noise(0), y + noise(1), noise(2)).cast<float>());
+  }
+  EstimateOptions options;
+  options.orientation.method = Orientation::kMst;
+  expect_same(sorted(cloud), options, {{1500}});
+}
+
 TEST(EstimateBlocks, SmallBlocksOfAnyOrderAreFinished) {
   expect_same(sorted_otherwise(several_parts(1800)), up(), {{250}});
 }
@@ -441,11 +458,59 @@ TEST(EstimateBlocks, FinishedBlocksAreKeptForALaterRun) {
   EXPECT_TRUE(read_text(path) == read_text(folder / "whole.ply"));
 }
 
+TEST(EstimateBlocks, WhatPeersHaveMadeIsKeptForAnyNumberOfThem) {
+  const TemporaryFolder folder;
+  const std::string path = folder / "surfels.ply";
+  // Ellipses are guessed wrongly, so that all blocks are made twice.
+  SurfelCloud cloud = sorted_points("plane", 16 * 1024);
+  for (std::size_t i = 0; i < cloud.size(); ++i) {
+    Vec3f& p = cloud.position[i];
+    if (i / 512 % 2 == 1) p.y() = std::round(p.y() * 20) / 20;
+  }
+  EstimateReport whole;
+  write_cloud(estimate_surfels(cloud, up(), &whole), folder / "whole.ply");
+  int made = 0;
+  // Each peer is stopped before its last block, or none is.
+  for (const auto& [peers, blocks] : {std::pair{3, 4}, {2, 6}, {1, 12}, {4, 2}, {2, 1000}}) {
+    std::atomic<int> made_now = 0;
+    std::atomic<int> stopped = 0;
+    run_peers(peers, [&, most = blocks](ThreadPeers& self) {
+      RowFile file(path, {.job = "surfels", .peers = &self});
+      FileSink sink(file);
+      sink.left = most;
+      EstimateReport report;
+      const bool ended =
+          message_of([&] {
+            estimate_by_blocks(MemoryRanges(cloud), up(),
+                               {.most_points = 512, .checkpoints = &file, .peers = &self}, sink,
+                               &report);
+          }).empty();
+      made_now += sink.made;
+      if (!ended) {
+        ++stopped;
+        return;
+      }
+      file.commit();
+      EXPECT_EQ(report.mean_neighbors, whole.mean_neighbors);
+      EXPECT_EQ(report.side_confidence, whole.side_confidence);
+      EXPECT_EQ(report.border, whole.border);
+    });
+    EXPECT_EQ(stopped, blocks < 1000 ? peers : 0);
+    made += made_now;
+  }
+  EXPECT_EQ(made, 64);
+  EXPECT_TRUE(read_text(path) == read_text(folder / "whole.ply"));
+  EXPECT_EQ(entries(folder / "").size(), 2U);
+}
+
 TEST(EstimateBlocks, PeersShareTheBlocksWhateverMemoryEachHas) {
   const SurfelCloud cloud = sorted_points("terrain", 20000);
   EstimateOptions along_surface;
   along_surface.orientation.method = Orientation::kMst;
-  for (const EstimateOptions& options : {up(), along_surface}) {
+  EstimateOptions winding;
+  winding.orientation.method = Orientation::kWinding;
+  winding.orientation.tile_points = 3000;
+  for (const EstimateOptions& options : {up(), along_surface, winding}) {
     const TemporaryFolder folder;
     const std::string path = folder / "surfels.ply";
     EstimateReport whole;
@@ -458,7 +523,7 @@ TEST(EstimateBlocks, PeersShareTheBlocksWhateverMemoryEachHas) {
       FileSink sink(file);
       EstimateReport mine;
       // By blocks of another size each they would leave some out.
-      const std::uint64_t memory = std::uint64_t{3U + static_cast<unsigned>(self.rank())} << 20;
+      const std::uint64_t memory = std::uint64_t{5U + static_cast<unsigned>(self.rank())} << 20;
       estimate_by_blocks(MemoryRanges(cloud), options, {.memory = memory, .peers = &self}, sink,
                          &mine);
       file.commit();
@@ -593,6 +658,40 @@ TEST(RunSearch, FindsWhatASearchOfAllPointsFinds) {
   }
   search.nearest(Vec3f(0, 0, 0), 5000, near);
   EXPECT_EQ(near.size(), cloud.size());
+}
+
+TEST(RunSearch, FindsTheDirectionsThatAllPointsHave) {
+  SurfelCloud cloud;
+  for (std::uint64_t i = 0; i < 6000; ++i) {
+    const auto at = [&](std::uint64_t d) {
+      return static_cast<float>(4 * random_uniform(15, i, d) - 2);
+    };
+    cloud.position.emplace_back(at(0), at(1), at(2));
+  }
+  cloud.position[5000] = Vec3f::Constant(std::numeric_limits<float>::quiet_NaN());
+  cloud = sorted(cloud);
+  RunIndex index(16);
+  index.add(cloud.position);
+  index.finish();
+  const MemoryRanges ranges(cloud);
+  RunSearch search(ranges, index);
+  std::vector<float> found;
+  for (const Vec3d& sensor : {Vec3d(0.1, 0.2, 0.3), Vec3d(5, 1, 0)}) {
+    for (std::size_t i = 0; i < cloud.size(); i += 300) {
+      const Vec3f direction = direction_from(sensor, cloud.position[i]);
+      if (!direction.allFinite()) continue;
+      std::vector<float> all;
+      for (const Vec3f& p : cloud.position) {
+        if (p.allFinite()) all.push_back((direction_from(sensor, p) - direction).squaredNorm());
+      }
+      std::sort(all.begin(), all.end());
+      all.resize(20);
+      search.nearest_directions(sensor, direction, 20, found);
+      EXPECT_EQ(found, all);
+    }
+  }
+  search.nearest_directions(Vec3d(0, 0, 0), Vec3f(0, 0, 1), 10000, found);
+  EXPECT_EQ(found.size(), index.finite());
 }
 
 TEST(LoadedRuns, KnowUpToTheNearestPointThatIsNotThere) {

@@ -27,7 +27,7 @@ float reach_of(const SurfelCloud& cloud, std::size_t k) {
 }
 
 TEST(SurfelHalo, HoldsAllSurfelsThatMeetTheBlockAndNoOthers) {
-  const SurfelCloud cloud = scattered(5000);
+  const SurfelCloud cloud = scattered(10000);
   const OrderedCloud ranges(cloud);
   const SurfelHalo halo(ranges, {.reach = [](const SurfelCloud& of, std::size_t begin,
                                              std::size_t end, float* reach) {
@@ -36,7 +36,8 @@ TEST(SurfelHalo, HoldsAllSurfelsThatMeetTheBlockAndNoOthers) {
                           }
                         }});
   for (const float scale : {1.0F, 0.25F}) {
-    for (const auto& [begin, end] : {std::pair{0, 700}, {1500, 1501}, {2000, 4100}, {4990, 5000}}) {
+    for (const auto& [begin, end] :
+         {std::pair{0, 700}, {1500, 1501}, {2000, 3100}, {6200, 6300}, {9990, 10000}}) {
       const SurfelHalo::Around around =
           halo.around(ranges.read(static_cast<std::size_t>(begin), static_cast<std::size_t>(end)),
                       static_cast<std::size_t>(begin), scale);

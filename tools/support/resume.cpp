@@ -30,10 +30,10 @@ void refuse_resume(const std::string& input) {
 }
 
 std::string job(const Tool& tool, bool resume, const std::vector<std::string>& inputs,
-                const std::string& output) {
+                const std::string& output, bool together) {
   check_resume(resume, output);
   if (!resume) return {};
-  if (started_rank().count > 1) {
+  if (started_rank().count > 1 && !together) {
     throw_usage("--resume is for one process; leave it out, or start the tool without mpirun");
   }
   std::string job = tool.provenance();

@@ -17,8 +17,10 @@ void add_resume(CLI::App& app, bool& value);
 /// left: the options that matter, and the files' sizes, times and checksums. Empty without
 /// --resume. Throws Error(kUsage) for standard input, which cannot be read again.
 /// \param output  The result, beside which parts are kept: Error(kUsage) for standard output.
+/// \param together  Several processes that mpirun has started make the result together;
+///                  Error(kUsage) where they have been started and do not.
 std::string job(const Tool& tool, bool resume, const std::vector<std::string>& inputs,
-                const std::string& output);
+                const std::string& output, bool together = false);
 
 /// Throws Error(kUsage) where --resume is given and the result is standard output.
 void check_resume(bool resume, const std::string& output);

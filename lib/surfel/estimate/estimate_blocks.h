@@ -57,8 +57,9 @@ SURFEL_API std::uint64_t estimate_bytes(std::size_t points, std::size_t point_by
 /// is thrown that starts with `name`.
 ///
 /// kMst and kOutward find the sides of all points first (forest_sides.h): a bit a point, and about
-/// 100 bytes for each edge that their forests have between blocks, for which a quarter of the
-/// memory is kept, or what two million points in memory leave.
+/// 100 bytes for each edge that their forests have between blocks, or 200 for each part that is
+/// joined to another, for which a quarter of the memory is kept, or what two million points in
+/// memory leave.
 ///
 /// Throws Error(kUsage) for block_problems(), and as estimate_surfels() does otherwise.
 SURFEL_API void estimate_by_blocks(const SurfelRanges& cloud, const EstimateOptions& options,

@@ -1,6 +1,5 @@
 #pragma once
 
-#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <optional>
@@ -8,68 +7,16 @@
 #include <string>
 #include <vector>
 
+#include <surfel/base/export.h>
 #include <surfel/base/morton.h>
-#include <surfel/base/peers.h>
 #include <surfel/base/scratch_file.h>
 #include <surfel/base/types.h>
+#include <surfel/estimate/block_forest.h>
 #include <surfel/estimate/orientation.h>
 #include <surfel/estimate/spanning_forest.h>
 #include <surfel/estimate/surface_parts.h>
 
 namespace surfel {
-
-/// Edges from the points of a block to their nearest points, a row a point, as the graph of
-/// orient_normals() has them.
-struct BlockEdges {
-  std::size_t degree = 0;       ///< Edges of a row, kOrientationNeighbors + 1 at most.
-  Array<std::uint64_t> to;      ///< Among the finite points of the cloud.
-  Array<std::uint16_t> length;  ///< As NeighborGraph has it.
-  Array<std::uint16_t>
-      opposed;  ///< By point: bit k is set where the signs of edge k's ends differ.
-
-  /// Makes room for so many points without edges.
-  void resize(std::size_t points, std::size_t edges);
-  void set(std::size_t point, std::size_t k, std::uint64_t to_number, float weight, bool differ);
-};
-
-/// What may be in the forest of the whole cloud, of a block of consecutive points. An edge that
-/// closes a cycle of shorter edges of the block's points is in no forest.
-class BlockForest {
- public:
-  /// \param first  number of the block's first point among the finite points of the cloud.
-  /// \param grid   of the cloud.
-  static BlockForest of(const Array<Vec3f>& position, const Array<Vec3f>& normal,
-                        const BlockEdges& edges, std::uint64_t first, const MortonGrid& grid);
-  /// As bytes for another process, and back.
-  Bytes bytes() const;
-  static BlockForest of(const Bytes& bytes);
-
- private:
-  friend class ForestSides;
-  struct Point {
-    Vec3f position, normal;
-  };
-  /// An edge within the block, whose points are counted from its first.
-  struct InnerEdge {
-    std::uint32_t from, to;
-    std::uint16_t length;
-    std::uint8_t place;  ///< Within the row.
-    std::uint8_t differ;
-  };
-  /// An edge of the whole graph, with what its place in the order is told from.
-  struct Edge {
-    Vec3f position;  ///< Of the point that lists it.
-    std::uint16_t length;
-    std::uint8_t place;  ///< Within the row.
-    std::uint8_t differ;
-    std::uint64_t number;               ///< Of the point that lists it.
-    std::array<std::uint32_t, 2> ends;  ///< The other point's number, its lower half first; borders
-                                        ///< or sets in ForestSides::unite().
-  };
-  std::vector<Point> points_;
-  std::vector<InnerEdge> inner_;  ///< Ascending.
-  std::vector<Edge> leaving_;     ///< To other blocks.
-};
 
 /// Which points' normals have to be turned.
 struct TurnedPoints {
@@ -93,7 +40,7 @@ struct TurnedPoints {
 /// To be called in this order: add() for all blocks, unite(), then, if looks_for_joins(), joins()
 /// for blocks and join(), and turn(). Where that takes more memory than is given, Error(kUsage)
 /// says how much is needed.
-class ForestSides {
+class SURFEL_API ForestSides {
  public:
   struct Options {
     Orientation method = Orientation::kMst;
@@ -128,8 +75,12 @@ class ForestSides {
     return parts.part[i] != PartVotes::kNoPart && parts.part[i] != largest_;
   }
   PartJoins joins() const { return PartJoins(order_); }
+  /// Throws Error(kUsage) where the memory does not hold what is found between parts.
+  /// \param share_done  of the points around which joins were looked for, 0..1: the rest is
+  ///                    expected to need as much.
+  void require_room_for(PartJoins& joins, double share_done) const;
   /// Unites parts.
-  void join(const PartJoins& joins);
+  void join(PartJoins& joins);
 
   /// Turns the parts.
   TurnedPoints turn() const;
@@ -173,6 +124,7 @@ class ForestSides {
   void number_parts(SignedSets& united);
   void find_largest();
   void require_memory(double share_done) const;
+  void require_bytes(double needed) const;
   template <class Body>
   void for_each_block(const Body& body) const;
   std::uint32_t part_of(PointSet at) const {

@@ -111,7 +111,7 @@ class Spreader {
     find_joins(
         {position_, normal_, part_, opposed_, {}}, search_, comes, [](std::size_t) { return true; },
         joins);
-    for (const PartJoin& join : joins.sorted()) {
+    for (const PartJoin& join : joins.forest()) {
       sets_.unite(join.from, join.to, [&] { return join.opposed; });
     }
   }

@@ -7,6 +7,32 @@
 #include <surfel/estimate/run_index.h>
 
 namespace surfel {
+namespace {
+
+/// Square of the distance between unit vectors, one along an axis and one from the sensor to any
+/// place of a box, at least; infinite for an empty box.
+float direction_distance2(const RunBox& box, const Vec3d& sensor, const Vec3d& axis) {
+  if (!(box.low.x() <= box.high.x())) return std::numeric_limits<float>::infinity();
+  // The ball around the box is seen under the angle a, its middle at the angle b to the axis: what
+  // is in it is at the angle b - a at least.
+  const Vec3d low = box.low.cast<double>();
+  const Vec3d high = box.high.cast<double>();
+  const Vec3d to = (low + high) / 2 - sensor;
+  const double range = to.norm();
+  const double sine_a = range > 0 ? (high - low).norm() / (2 * range) : 1;
+  if (!(sine_a < 1)) return 0;
+  const double cosine_a = std::sqrt(1 - sine_a * sine_a);
+  const double cosine_b = std::clamp(axis.dot(to) / range, -1.0, 1.0);
+  if (!(cosine_b < cosine_a)) return 0;
+  const double sine_b = std::sqrt(1 - cosine_b * cosine_b);
+  // Directions are rounded.
+  constexpr double kRounding = 1e-6;
+  const double chord2 = 2 - 2 * (cosine_b * cosine_a + sine_b * sine_a);
+  const double chord = std::max(0.0, std::sqrt(std::max(0.0, chord2)) - kRounding);
+  return static_cast<float>((1 - kRounding) * chord * chord);
+}
+
+}  // namespace
 
 void RunIndex::add(const Array<Vec3f>& piece) {
   constexpr std::size_t kGrain = 16;
@@ -57,10 +83,6 @@ bool RunSearch::before(const Found& a, const Found& b) {
   if (a.code != b.code) return a.code < b.code;
   if (a.position != b.position) return before_on_curve(a.position, b.position);
   return a.index < b.index;
-}
-
-bool RunSearch::further(const Near& a, const Near& b) {
-  return a.distance2 != b.distance2 ? a.distance2 > b.distance2 : a.run > b.run;
 }
 
 const Array<Vec3f>& RunSearch::read(std::size_t run) {
@@ -114,38 +136,12 @@ void RunSearch::nearest_directions(const Vec3d& sensor, const Vec3f& direction, 
   k = std::min(k, index_.finite());
   if (k == 0) return;
   const Vec3d axis = direction.cast<double>();
-  std::vector<Near> runs;
-  for (std::size_t r = 0; r < index_.size(); ++r) {
-    const RunIndex::Run& run = index_[r];
-    if (run.finite == 0) continue;
-    // The ball around the box is seen under the angle a, its middle at the angle b to the
-    // direction: what is in it is at the angle b - a at least.
-    const Vec3d low = run.box.low.cast<double>();
-    const Vec3d high = run.box.high.cast<double>();
-    const Vec3d to = (low + high) / 2 - sensor;
-    const double range = to.norm();
-    const double sine_a = range > 0 ? (high - low).norm() / (2 * range) : 1;
-    Near near{0, r};
-    if (sine_a < 1) {
-      const double cosine_a = std::sqrt(1 - sine_a * sine_a);
-      const double cosine_b = std::clamp(axis.dot(to) / range, -1.0, 1.0);
-      if (cosine_b < cosine_a) {
-        const double sine_b = std::sqrt(1 - cosine_b * cosine_b);
-        // Directions are rounded.
-        constexpr double kRounding = 1e-6;
-        const double chord2 = 2 - 2 * (cosine_b * cosine_a + sine_b * sine_a);
-        const double chord = std::max(0.0, std::sqrt(std::max(0.0, chord2)) - kRounding);
-        near.distance2 = static_cast<float>((1 - kRounding) * chord * chord);
-      }
-    }
-    runs.push_back(near);
-  }
-  std::make_heap(runs.begin(), runs.end(), further);
-  // A heap, the furthest first.
-  while (!runs.empty() && (distance2.size() < k || runs.front().distance2 < distance2[0])) {
-    const std::size_t run = runs.front().run;
-    std::pop_heap(runs.begin(), runs.end(), further);
-    runs.pop_back();
+  const auto can_hold = [&](float least2) {
+    return distance2.size() < k || least2 < distance2[0];  // A heap, the furthest first.
+  };
+  const auto take = [&](std::size_t run) {
+    const RunIndex::Run& some = index_[run];
+    if (some.finite == 0 || !can_hold(direction_distance2(some.box, sensor, axis))) return;
     for (const Vec3f& p : read(run)) {
       if (!p.allFinite()) continue;
       const float next = (direction_from(sensor, p) - direction).squaredNorm();
@@ -157,7 +153,10 @@ void RunSearch::nearest_directions(const Vec3d& sensor, const Vec3f& direction, 
       distance2.push_back(next);
       std::push_heap(distance2.begin(), distance2.end());
     }
-  }
+  };
+  index_.tree().search([&](const RunBox& box) { return direction_distance2(box, sensor, axis); },
+                       [&](const RunBox&, std::size_t, float least2) { return can_hold(least2); },
+                       take);
   std::sort_heap(distance2.begin(), distance2.end());
 }
 

@@ -96,11 +96,6 @@ class SURFEL_API RunSearch {
                           std::vector<float>& distance2);
 
  private:
-  struct Near {
-    float distance2;  ///< No point of the run is nearer.
-    std::size_t run;
-  };
-  static bool further(const Near& a, const Near& b);
   struct Found {
     float distance2;
     std::uint64_t code;

@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <optional>
+#include <utility>
 
 #include <fmt/format.h>
 #include <surfel/base/error.h>
@@ -76,6 +77,26 @@ void StoredSides::finish() {
   position_ = {};
   normal_ = {};
   tiles_.finish();
+}
+
+void StoredSides::share(Peers& peers) {
+  constexpr std::uint64_t kPiece = std::uint64_t{1} << 16;
+  const bool tells = peers.rank() == 0;
+  WindingSides sides;
+  if (tells) sides = tiles_.sides();
+  sides.sheet = gather_lists(&peers, sides.sheet).front();
+  sides.part = gather_lists(&peers, sides.part).front();
+  if (!tells) tiles_.set_sides(std::move(sides));
+  for (std::uint64_t begin = 0; begin < index_.finite(); begin += kPiece) {
+    Bytes bytes;
+    if (tells) {
+      bytes.resize(std::min<std::uint64_t>(kPiece, index_.finite() - begin) * sizeof(Point));
+      points_.read_at(begin * sizeof(Point), bytes.data(), bytes.size());
+    }
+    const std::vector<Bytes> from =
+        peers.exchange(std::vector<Bytes>(static_cast<std::size_t>(peers.count()), bytes));
+    if (!tells) points_.append(from.front().data(), from.front().size());
+  }
 }
 
 Array<Vec3f> StoredSides::of(const Array<Vec3f>& position, std::size_t run) const {

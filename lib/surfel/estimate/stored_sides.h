@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include <surfel/base/peers.h>
 #include <surfel/base/scratch_file.h>
 #include <surfel/base/types.h>
 #include <surfel/estimate/place_sample.h>
@@ -33,6 +34,10 @@ class StoredSides {
   void add(const Array<Vec3f>& position, const Array<Vec3f>& normal);
   /// Finds the sides. To be called once, after the last point.
   void finish();
+
+  /// Tells the other processes what the first one has found: each has the same points, though those
+  /// that are told have added none of them.
+  void share(Peers& peers);
 
   std::size_t parts() const { return tiles_.sides().part.size(); }
   /// Sides of the points from the beginning of a run on, see WindingTiles::side(); zero of points

@@ -1,6 +1,9 @@
+// Kruskal, "On the shortest spanning subtree of a graph", 1956.
+
 #include <algorithm>
 #include <memory>
 
+#include <surfel/base/disjoint_sets.h>
 #include <surfel/base/parallel.h>
 #include <surfel/estimate/surface_edges.h>
 #include <surfel/estimate/surface_parts.h>
@@ -33,26 +36,38 @@ bool PartJoins::before(const PartJoin& a, const PartJoin& b) const {
   return a.rank < b.rank;
 }
 
-void PartJoins::add(std::uint64_t parts, const PartJoin& join) {
-  const auto [at, added] = first_.try_emplace(parts, join);
-  if (!added && before(join, at->second)) at->second = join;
-}
-
 void PartJoins::add(const PartJoin& join) {
-  add(std::uint64_t{std::min(join.from, join.to)} << 32 | std::max(join.from, join.to), join);
+  if (joins_.size() == most_) {
+    // Half as many again are added before the next search, so that searches take as long as sorting
+    // all edges once or a few times.
+    most_ = std::max(kFew, forest().size() / 2 * 3);
+  }
+  if (joins_.size() == joins_.capacity()) {
+    joins_.reserve(std::min(most_, std::max(kFew, 2 * joins_.size())));
+  }
+  joins_.push_back(join);
 }
 
 void PartJoins::add(const PartJoins& more) {
-  for (const auto& [parts, join] : more.first_) add(parts, join);
+  for (const PartJoin& join : more.joins_) add(join);
 }
 
-std::vector<PartJoin> PartJoins::sorted() const {
-  std::vector<PartJoin> out;
-  out.reserve(first_.size());
-  for (const auto& [parts, join] : first_) out.push_back(join);
-  std::sort(out.begin(), out.end(),
+std::span<const PartJoin> PartJoins::forest() {
+  std::sort(joins_.begin(), joins_.end(),
             [&](const PartJoin& a, const PartJoin& b) { return before(a, b); });
-  return out;
+  std::vector<std::uint32_t> parts;
+  parts.reserve(2 * joins_.size());
+  for (const PartJoin& join : joins_) parts.insert(parts.end(), {join.from, join.to});
+  std::sort(parts.begin(), parts.end());
+  parts.erase(std::unique(parts.begin(), parts.end()), parts.end());
+  const auto place = [&](std::uint32_t part) {
+    return static_cast<std::uint32_t>(std::lower_bound(parts.begin(), parts.end(), part) -
+                                      parts.begin());
+  };
+  DisjointSets sets(parts.size());
+  std::erase_if(
+      joins_, [&](const PartJoin& join) { return !sets.unite(place(join.from), place(join.to)); });
+  return joins_;
 }
 
 void find_joins(const JoinPoints& points, const NeighborSearch& search,

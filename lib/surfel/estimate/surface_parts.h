@@ -5,7 +5,6 @@
 #include <limits>
 #include <optional>
 #include <span>
-#include <unordered_map>
 #include <vector>
 
 #include <surfel/base/export.h>
@@ -59,24 +58,31 @@ struct PartJoin {
   bool opposed = false;            ///< The signs of the parts differ.
 };
 
-/// The first edge between each two parts: by weight, then place, then rank. Whatever the order in
-/// which edges are added, they are the same.
+/// Edges between parts, of which those are kept that may be in the minimum spanning forest: an edge
+/// that closes a cycle of edges before it (by weight, then place, then rank) is in no forest of
+/// these and more edges. Whatever the order in which edges are added, the forest is the same.
 class SURFEL_API PartJoins {
  public:
+  /// Bytes that an edge of the forest takes while more are added.
+  static constexpr std::uint64_t kJoinBytes = 200;
+
   explicit PartJoins(const CurveOrder& order) : order_(order) {}
 
   const CurveOrder& order() const { return order_; }
   void add(const PartJoin& join);
   void add(const PartJoins& more);
-  /// All of them, in their order: the one along which Kruskal's algorithm unites parts.
-  std::vector<PartJoin> sorted() const;
+  /// The edges along which Kruskal's algorithm unites parts, in their order.
+  std::span<const PartJoin> forest();
 
  private:
+  /// Edges that are kept before the first cycles are looked for.
+  static constexpr std::size_t kFew = 1024;
+
   bool before(const PartJoin& a, const PartJoin& b) const;
-  void add(std::uint64_t parts, const PartJoin& join);
 
   CurveOrder order_;
-  std::unordered_map<std::uint64_t, PartJoin> first_;  ///< By the numbers of the parts.
+  std::vector<PartJoin> joins_;
+  std::size_t most_ = kFew;  ///< Edges with which cycles are looked for next.
 };
 
 /// Points of a surface that may be joined, a value per point in each list.

@@ -88,6 +88,11 @@ void WindingTiles::finish() {
   dipoles_.reset();
 }
 
+void WindingTiles::set_sides(WindingSides sides) {
+  sides_ = std::move(sides);
+  dipoles_.reset();
+}
+
 Vec3f WindingTiles::side(const Vec3f& normal, std::uint32_t sheet) const {
   if (sheet == PointSheets::kNone) return Vec3f::Zero();
   const WindingSides::Sheet& of = sides_.sheet[sheet];

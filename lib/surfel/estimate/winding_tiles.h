@@ -45,6 +45,8 @@ class SURFEL_API WindingTiles {
   /// Finds the sides of all sheets. To be called once, after the last tile.
   void finish();
   const WindingSides& sides() const { return sides_; }
+  /// Takes the sides that another process has found of the same tiles, in place of finish().
+  void set_sides(WindingSides sides);
   /// The side of a point as a vector: a normal that add() has turned, on the side of its sheet.
   /// Its length is 1 + certainty, in steps of 1/256 (certainty_of()); zero without a normal.
   Vec3f side(const Vec3f& normal, std::uint32_t sheet) const;

@@ -1,8 +1,11 @@
 #include <algorithm>
 #include <bit>
 #include <cstring>
+#include <filesystem>
+#include <iterator>
 #include <map>
 #include <mutex>
+#include <system_error>
 #include <utility>
 #include <vector>
 
@@ -36,12 +39,59 @@ struct KeptSpan {
   std::uint64_t checksum;
 };
 
+/// An entry of a journal.
+struct Entry {
+  KeptPart head;
+  std::vector<KeptSpan> spans;
+  std::size_t state_at;  ///< Where the state begins.
+};
+
+std::optional<Entry> entry_of(const std::string& entry) {
+  Entry out{};
+  if (entry.size() < sizeof(out.head)) return std::nullopt;
+  std::memcpy(&out.head, entry.data(), sizeof(out.head));
+  if (out.head.spans > (entry.size() - sizeof(out.head)) / sizeof(KeptSpan)) return std::nullopt;
+  out.spans.resize(out.head.spans);
+  out.state_at = sizeof(out.head) + out.spans.size() * sizeof(KeptSpan);
+  if (!out.spans.empty()) {
+    std::memcpy(out.spans.data(), entry.data() + sizeof(out.head),
+                out.spans.size() * sizeof(KeptSpan));
+  }
+  return out;
+}
+
+constexpr const char* kListSuffix = "-parts";
+
+/// The lists of parts that runs of one or several processes have left: this one, and with a number
+/// behind its name those of other processes than the first, in their order.
+std::vector<std::string> lists_beside(const std::string& list) {
+  namespace fs = std::filesystem;
+  std::vector<std::string> found;
+  const std::string prefix = fs::path(list).filename().string() + "-";
+  const fs::path folder = fs::path(list).parent_path();
+  std::error_code error;
+  std::vector<int> numbers;
+  for (fs::directory_iterator at(folder.empty() ? "." : folder, error), end; !error && at != end;
+       at.increment(error)) {
+    const std::string name = at->path().filename().string();
+    constexpr std::size_t kMostDigits = 9;
+    if (!name.starts_with(prefix) || name.size() - prefix.size() > kMostDigits) continue;
+    const std::string digits = name.substr(prefix.size());
+    if (digits.empty() || digits.find_first_not_of("0123456789") != std::string::npos) continue;
+    numbers.push_back(std::stoi(digits));
+  }
+  std::sort(numbers.begin(), numbers.end());
+  found.push_back(list);
+  for (const int number : numbers) found.push_back(list + "-" + std::to_string(number));
+  return found;
+}
+
 }  // namespace
 
 struct RowFile::Impl {
   std::string name;
   RowFileOptions options;
-  std::optional<OutputFile> file;  ///< Of a process that follows another none before begin().
+  std::optional<OutputFile> file;
   std::optional<ResumeJournal> journal;
   Vec3d origin{0, 0, 0};
   std::uint64_t rows = 0;
@@ -54,30 +104,49 @@ struct RowFile::Impl {
   std::map<std::uint64_t, std::string> parts, facts;  ///< States of parts with rows, and without.
   std::uint64_t rows_kept = 0;
 
-  Impl(const std::string& path, const RowFileOptions& o) : name(path), options(o) {
-    if (follows()) return;
-    file.emplace(path, o.no_clobber, o.job.empty() ? Unfinished::kRemoved : Unfinished::kKept);
-    if (options.job.empty()) return;
-    journal.emplace(file->temporary() + "-parts", options.job);
-    entries = journal->take_entries();
-    std::erase_if(entries, [&](const std::string& entry) { return take(entry, false); });
-  }
+  Impl(const std::string& path, const RowFileOptions& o);
   bool follows() const { return options.peers && options.peers->rank() > 0; }
   void share();
   std::uint64_t checksum(const RowSpan& span) const;
-  bool take(const std::string& entry, bool with_rows);
+  bool is_there(const std::string& entry) const;
+  void take(const std::string& entry);
+  void take_parts();
 };
 
-/// Tells the other processes which file they write to.
+RowFile::Impl::Impl(const std::string& path, const RowFileOptions& o) : name(path), options(o) {
+  if (!follows()) {
+    file.emplace(path, o.no_clobber, o.job.empty() ? Unfinished::kRemoved : Unfinished::kKept);
+  }
+  if (options.peers) share();
+  if (options.job.empty()) return;
+  const std::string list = file->temporary() + kListSuffix;
+  for (const std::string& some : lists_beside(list)) {
+    std::vector<std::string> kept = ResumeJournal(some, options.job).take_entries();
+    std::move(kept.begin(), kept.end(), std::back_inserter(entries));
+  }
+  journal.emplace(follows() ? list + "-" + std::to_string(options.peers->rank()) : list,
+                  options.job);
+  journal->take_entries();
+  std::erase_if(entries, [&](const std::string& entry) {
+    const std::optional<Entry> read = entry_of(entry);
+    if (read && read->spans.empty()) take(entry);
+    return !read || read->spans.empty();
+  });
+}
+
+/// Tells the other processes which file they write to, and the job.
 void RowFile::Impl::share() {
   Peers& peers = *options.peers;
   std::vector<Bytes> to(static_cast<std::size_t>(peers.count()));
   if (!follows()) {
-    const std::string& temporary = file->temporary();
-    for (Bytes& bytes : to) append_values(temporary.data(), temporary.size(), bytes);
+    const std::string told = file->temporary() + '\0' + options.job;
+    for (Bytes& bytes : to) append_values(told.data(), told.size(), bytes);
   }
-  const std::vector<char> path = values_of<char>(peers.exchange(std::move(to)).front());
-  if (follows()) file.emplace(std::string(path.begin(), path.end()), false, Unfinished::kElsewhere);
+  const std::vector<char> told = values_of<char>(peers.exchange(std::move(to)).front());
+  const auto end = std::find(told.begin(), told.end(), '\0');
+  if (!follows()) return;
+  file.emplace(std::string(told.begin(), end), false, Unfinished::kElsewhere);
+  options.job = end == told.end() ? std::string() : std::string(end + 1, told.end());
 }
 
 /// A checksum of the checksums of pieces.
@@ -93,29 +162,48 @@ std::uint64_t RowFile::Impl::checksum(const RowSpan& span) const {
   return crc32c(std::as_bytes(std::span(sums)));
 }
 
-/// Takes over a part that an earlier run made: one with rows, if these are there, or one without.
-/// Did it?
-bool RowFile::Impl::take(const std::string& entry, bool with_rows) {
-  KeptPart head{};
-  if (entry.size() < sizeof(head)) return false;
-  std::memcpy(&head, entry.data(), sizeof(head));
-  const std::size_t room = (entry.size() - sizeof(head)) / sizeof(KeptSpan);
-  if (head.spans > room || (head.spans > 0) != with_rows) return false;
-  if (with_rows && head.header != header) return false;
+/// Are the rows of a part that an earlier run made there?
+bool RowFile::Impl::is_there(const std::string& entry) const {
+  const std::optional<Entry> read = entry_of(entry);
+  if (!read || read->head.header != header) return false;
+  return std::all_of(read->spans.begin(), read->spans.end(), [&](const KeptSpan& span) {
+    return span.rows.begin <= span.rows.end && span.rows.end <= rows &&
+           span.checksum == checksum(span.rows);
+  });
+}
+
+/// Takes over a part whose rows are there, or that has none.
+void RowFile::Impl::take(const std::string& entry) {
+  const std::optional<Entry> read = entry_of(entry);
   std::uint64_t count = 0;
-  for (std::size_t s = 0; s < head.spans; ++s) {
-    KeptSpan span{};
-    std::memcpy(&span, entry.data() + sizeof(head) + s * sizeof(span), sizeof(span));
-    if (span.rows.begin > span.rows.end || span.rows.end > rows) return false;
-    if (span.checksum != checksum(span.rows)) return false;
-    count += span.rows.end - span.rows.begin;
-  }
-  const bool is_new =
-      (with_rows ? parts : facts)
-          .insert_or_assign(head.part, entry.substr(sizeof(head) + head.spans * sizeof(KeptSpan)))
-          .second;
+  for (const KeptSpan& span : read->spans) count += span.rows.end - span.rows.begin;
+  const bool is_new = (read->spans.empty() ? facts : parts)
+                          .insert_or_assign(read->head.part, entry.substr(read->state_at))
+                          .second;
   if (is_new) rows_kept += count;
-  return true;
+}
+
+/// Takes over the parts whose rows are there. Each process looks at some, and all learn of all.
+void RowFile::Impl::take_parts() {
+  const auto count = static_cast<std::size_t>(options.peers ? options.peers->count() : 1);
+  const auto rank = static_cast<std::size_t>(options.peers ? options.peers->rank() : 0);
+  std::vector<std::uint8_t> mine;
+  for (std::size_t e = rank; e < entries.size(); e += count) {
+    mine.push_back(is_there(entries[e]) ? 1 : 0);
+  }
+  const std::vector<std::vector<std::uint8_t>> there = gather_lists(options.peers, mine);
+  std::vector<std::string> left;
+  for (std::size_t e = 0; e < entries.size(); ++e) {
+    const std::vector<std::uint8_t>& looked = there[e % count];
+    if (e / count < looked.size() && looked[e / count] != 0) {
+      take(entries[e]);
+      // States may take as much memory as the result of the work: they are there once.
+      std::string().swap(entries[e]);
+    } else {
+      left.push_back(std::move(entries[e]));
+    }
+  }
+  entries = std::move(left);
 }
 
 RowFile::RowFile(const std::string& path, const RowFileOptions& options) {
@@ -141,13 +229,13 @@ void RowFile::begin(const SurfelCloud& like, std::uint64_t rows, std::uint64_t c
   f.header = crc32c(std::as_bytes(std::span(header.data(), header.size())));
   f.parts.clear();
   f.rows_kept = 0;
-  // States may take as much memory as the result of the work: they are there once.
-  std::erase_if(f.entries, [&](const std::string& entry) { return f.take(entry, true); });
+  if (!f.options.job.empty()) f.take_parts();
   if (!f.follows()) {
     if (f.rows_kept == 0) f.file->clear();
     f.file->write_at(0, header.data(), header.size());
   }
-  if (f.options.peers) f.share();
+  // No process writes before the file has been cleared.
+  if (f.options.peers) gather_lists(f.options.peers, std::vector<char>());
 }
 
 std::size_t RowFile::stride() const { return impl_->stride; }
@@ -185,7 +273,10 @@ void RowFile::commit() {
   if (impl_->options.peers) gather_lists(impl_->options.peers, std::vector<char>());
   if (impl_->follows()) return;
   impl_->file->commit();
-  if (!impl_->options.job.empty()) impl_->journal->remove();
+  if (impl_->options.job.empty()) return;
+  for (const std::string& list : lists_beside(impl_->file->temporary() + kListSuffix)) {
+    ResumeJournal(list, impl_->options.job).remove();
+  }
 }
 
 std::optional<std::string> RowFile::finished(std::uint64_t part) {

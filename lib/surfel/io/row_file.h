@@ -20,11 +20,12 @@ struct RowFileOptions {
   bool no_clobber = false;
   /// What is made of what, in words that differ where the result would. If there are any, a run
   /// that ends early leaves FILE.unfinished and FILE.unfinished-parts, with which the next run of
-  /// the same job goes on.
+  /// the same job goes on; of several processes each has a list of its own (-parts-1 and so on),
+  /// and the next run may have any number of processes. Of these the first one's job counts.
   std::string job = {};
-  /// Processes that write the file together, each some parts: all of them call begin() and commit()
-  /// with the same arguments, and the first one's file is what the others write to, on a disk that
-  /// all share. Null: this process alone. Without a job.
+  /// Processes that write the file together, each some parts: all of them make a RowFile and call
+  /// begin() and commit() with the same arguments, and the first one's file is what the others
+  /// write to, on a disk that all share. Null: this process alone.
   Peers* peers = nullptr;
 };
 
@@ -52,7 +53,8 @@ class SURFEL_API RowFile final : public Checkpoints {
   void commit();
 
   // Without a job nothing is kept. Parts with rows are there once begin() has been called with the
-  // columns that they were written with, and are void with other columns; all others always.
+  // columns that they were written with, and are void with other columns; all others always. All
+  // processes have the parts of all.
   std::optional<std::string> finished(std::uint64_t part) override;
   void finish(std::uint64_t part, std::span<const RowSpan> rows, const std::string& state) override;
   /// Rows that earlier runs have made.

@@ -357,7 +357,11 @@ void Hierarchy::merge(HierarchyReport& report) {
   begin(drawn, plan_.block_levels() < plan_.levels());
   ProgressStage stage("merging levels of detail", plan_.level(0).surfels, "surfels");
   const auto make = [&](std::size_t b) {
-    if (mine(b)) make_block(b);
+    if (mine(b)) {
+      make_block(b);
+    } else if (options_.checkpoints) {
+      options_.checkpoints->finished(b);  // What is kept of it stays in memory otherwise.
+    }
     stage.add(blocks_[b].count);
   };
   if (report.blocks_at_once == 1) {

@@ -87,6 +87,7 @@ SurfelHalo::SurfelHalo(const SurfelRanges& cloud, SurfelHaloOptions options)
     }
     stage.add(end - begin);
   }
+  tree_ = {runs_.size(), [&](std::size_t run) { return runs_[run]; }};
 }
 
 SurfelHalo::Around SurfelHalo::around(const SurfelCloud& block, std::size_t begin,
@@ -112,19 +113,29 @@ SurfelHalo::Around SurfelHalo::around(const SurfelCloud& block, std::size_t begi
     }
     if (!rows.empty()) parts.push_back(columns(piece).gathered(rows));
   };
-  const auto take_runs = [&](std::size_t from, std::size_t to) {
-    for (std::size_t r = from / kHaloRun; r * kHaloRun < to; ++r) {
-      ReachBox run = runs_[r];
-      run.reach *= scale;
-      if (!own.may_meet(run)) continue;
-      take(std::max(from, r * kHaloRun), std::min(to, (r + 1) * kHaloRun));
-    }
+  const auto near = [&](ReachBox box) {
+    box.reach *= scale;
+    return own.may_meet(box);
   };
-  take_runs(0, begin);
+  std::vector<std::size_t> runs;
+  tree_.for_each_leaf(near, [&](std::size_t leaf) {
+    tree_.for_each_item(leaf, [&](std::size_t run) {
+      if (near(runs_[run])) runs.push_back(run);
+    });
+  });
+  // The first and the last run of the block may go on outside of it.
+  for (const std::size_t run : runs) {
+    const std::size_t to = std::min(begin, (run + 1) * kHaloRun);
+    if (run * kHaloRun < to) take(run * kHaloRun, to);
+  }
   out.before = out.number.size();
   parts.push_back(columns(block));
   for (std::size_t i = begin; i < end; ++i) out.number.push_back(i);
-  take_runs(end, cloud_.size());
+  for (const std::size_t run : runs) {
+    const std::size_t from = std::max(end, run * kHaloRun);
+    const std::size_t to = std::min(cloud_.size(), (run + 1) * kHaloRun);
+    if (from < to) take(from, to);
+  }
 
   out.cloud = cloud_of_rows(parts.front(), out.number.size());
   std::size_t at = 0;

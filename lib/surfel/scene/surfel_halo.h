@@ -5,6 +5,7 @@
 #include <limits>
 #include <vector>
 
+#include <surfel/base/box_tree.h>
 #include <surfel/base/export.h>
 #include <surfel/base/types.h>
 #include <surfel/scene/surfel_ranges.h>
@@ -37,7 +38,7 @@ struct SurfelHaloOptions {
 inline constexpr std::size_t kHaloRun = 1024;
 
 /// Finds the surfels around a block of a cloud that need not be in memory: all that meet one of the
-/// block, as two surfels do whose distance is at most the sum of their reaches. 28 bytes a run.
+/// block, as two surfels do whose distance is at most the sum of their reaches. 32 bytes a run.
 class SURFEL_API SurfelHalo {
  public:
   /// Reads the cloud once. Keeps a reference to it.
@@ -57,6 +58,7 @@ class SURFEL_API SurfelHalo {
   const SurfelRanges& cloud_;
   SurfelHaloOptions options_;
   std::vector<ReachBox> runs_;
+  BoxTree<ReachBox, 8, 8> tree_;  ///< Of the runs.
 };
 
 }  // namespace surfel
