@@ -96,6 +96,7 @@ TEST_F(Browser, ShowsWhatItsCommandDraws) {
       run({tool("surfel-generate"), "sphere", "--count", "4000", "--quiet", "-o", ball}).exit_code,
       0);
   EXPECT_GT(psnr(ball, "lit=1&background=%23204060"), 38);
+  EXPECT_GT(psnr(ball, "lit=1&ortho=1&camera=3,2,4,0,0,0,0,1,0,40,2.5"), 38);
   EXPECT_GT(psnr(ball, "lit=0&mode=normal&clipAxis=x&clipPlace=0.6"), 38);
 }
 

@@ -96,7 +96,8 @@ uniform sampler2D u_surfaces1, u_surfaces2;
 uniform sampler2D u_colors1, u_colors2, u_colors3, u_colors4;
 uniform sampler2D u_normals1, u_normals2, u_normals3, u_normals4;
 uniform int u_mode, u_layers;
-uniform bool u_lit, u_mapped, u_opaque;
+uniform bool u_lit, u_mapped, u_opaque, u_ortho;
+uniform float u_far;
 uniform float u_full, u_mean, u_edge_weight, u_inv_mean;
 uniform mat3 u_world_from_camera;
 uniform vec2 u_focal, u_center;
@@ -138,12 +139,12 @@ void add_layer(vec2 surface, sampler2D nearest, sampler2D means, sampler2D color
 
 vec3 shade(Layer l) {
   if (u_mode == 2) {
-    float z = 1.0 / l.depth;
+    float z = u_ortho ? u_far - l.depth : 1.0 / l.depth;
     float share = clamp((z - u_depth_range.x) / (u_depth_range.y - u_depth_range.x), 0.0, 1.0);
     return texelFetch(u_map, ivec2(int(255.5 - share * 255.0), 0), 0).rgb;
   }
   if (!u_lit) return l.color;
-  vec3 ray = u_world_from_camera * vec3((gl_FragCoord.xy - u_center) / u_focal, 1);
+  vec3 ray = u_world_from_camera * vec3(u_ortho ? vec2(0) : (gl_FragCoord.xy - u_center) / u_focal, 1);
   vec3 to_eye = -normalize(ray);
   float size = length(l.normal);
   vec3 n = size > 0.0 ? l.normal / size : to_eye;
@@ -158,7 +159,9 @@ vec3 shade(Layer l) {
 bool is_front(Layer l) { return (l.flags & 1) != 0; }
 #if SEVERAL
 bool is_filtered(Layer l) { return (l.flags & 2) != 0; }
-bool is_near(Layer a, Layer b) { return abs(a.depth - b.depth) <= 0.02 * abs(a.depth); }
+// kRimDepth
+float rim_depth(Layer l) { return 0.02 * (u_ortho ? u_far - l.depth : l.depth); }
+bool is_near(Layer a, Layer b) { return abs(a.depth - b.depth) <= rim_depth(a); }
 bool at_rims(Layer a, Layer b) { return (a.flags & b.flags & 4) != 0; }
 
 // EdgeNeighbors: what continues a layer in the pixels around.
@@ -215,7 +218,7 @@ void look_around(inout Layer l, bool may_end, bool may_be_far) {
     row[i] = continued(l, at + ivec2(step, 0));
     column[i] = continued(l, at + ivec2(0, step));
   }
-  l.far = may_be_far && leading < 0.8 * u_edge_weight && nearest_front >= l.depth - 0.02 * abs(l.depth);
+  l.far = may_be_far && leading < 0.8 * u_edge_weight && nearest_front >= l.depth - rim_depth(l);
   if (l.far && is_filtered(l)) {
     l.edge = 1.0;
   } else if (may_end && !is_gap(row, l.weight) && !is_gap(column, l.weight)) {

@@ -213,7 +213,11 @@ export class Renderer {
     gl.enable(gl.SCISSOR_TEST);
     gl.scissor(this.scissor[0], 0, this.scissor[1] - this.scissor[0], height);
     const uniforms = { ...this.cameraUniforms(cloud, view), ...this.cloudUniforms(cloud, view) };
-    uniforms.u_depth_scale = drawn.nearest;
+    // In front of the eye, so that depths are positive.
+    this.far = view.camera.ortho > 0 ? drawn.farthest + 0.01 * Math.abs(drawn.farthest) : 0;
+    uniforms.u_ortho = view.camera.ortho > 0;
+    uniforms.u_far = this.far;
+    uniforms.u_depth_scale = uniforms.u_ortho ? 1 / (this.far - Math.min(0, drawn.nearest)) : drawn.nearest;
     const layers = Math.min(view.layers, this.layers.length);
     for (let i = 0; i < 4; ++i) {
       const layer = this.layers[Math.min(i, this.layers.length - 1)];
@@ -460,14 +464,15 @@ export class Renderer {
     });
   }
 
-  /** The depths of the picture drawn last, nearest first: 1 / z of a pixel, 0 where there is none. */
+  /** The depth of a pixel of the picture drawn last; 0 where there is none. */
   depthAt(x, y) {
     const { gl } = this;
     const value = new Float32Array(4);
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.layers[0].visibility);
     gl.readBuffer(gl.COLOR_ATTACHMENT0);
     gl.readPixels(x, y, 1, 1, gl.RGBA, gl.FLOAT, value);
-    return value[0];
+    if (value[0] === 0) return 0;
+    return this.far > 0 ? this.far - value[0] : 1 / value[0];
   }
 
   /** Waits until all has been drawn. */

@@ -33,6 +33,8 @@ uniform bool u_mapped;     // There are normals to shade with.
 uniform vec3 u_clip_min, u_clip_max;  // Centres beyond are left out.
 uniform sampler2D u_map;   // Colours of attributes, linear.
 uniform bool u_points;
+uniform bool u_ortho;
+uniform float u_far;       // Of orthographic views: behind all surfels. Depths are u_far - z there, 1 / z elsewhere.
 
 flat out vec4 v_place;  // Centre, pixels; amplitude; flags.
 flat out vec4 v_a, v_b, v_c;
@@ -94,9 +96,9 @@ void main() {
 
   vec3 p = u_rotation * world + u_translation;
   vec3 world_normal = direction(first.z);
-  float distance = length(p);
+  float distance = u_ortho ? 1.0 : length(p);
   bool known = world_normal != vec3(0);
-  vec3 n = known ? u_rotation * world_normal : -p / distance;
+  vec3 n = known ? u_rotation * world_normal : u_ortho ? vec3(0, 0, -1) : -p / distance;
   float angle = float(second.y & 0xffffu) * (kPi / 65536.0);
   vec3 t;
   if (known) {
@@ -108,9 +110,9 @@ void main() {
   vec3 b = cross(n, t);
 
   // Columns of J V^(1/2), and Sigma = J V J^T + h^2 I: SS01 (6).
-  float inv_z = 1.0 / p.z;
-  vec2 slope = p.xy * inv_z;
-  vec2 center = u_focal * slope + u_center;
+  float inv_z = u_ortho ? 1.0 : 1.0 / p.z;
+  vec2 slope = u_ortho ? vec2(0) : p.xy * inv_z;
+  vec2 center = u_focal * (u_ortho ? p.xy : slope) + u_center;
   vec2 per_unit = u_focal * inv_z;
   vec2 Jt = per_unit * s_u * (t.xy - slope * t.z);
   vec2 Jb = per_unit * s_v * (b.xy - slope * b.z);
@@ -123,7 +125,7 @@ void main() {
   float det_JV = det_J * s_u * s_v;
   float det = det_JV * det_JV + h2 * (xx + yy + h2);
 
-  float n_p = dot(n, p);
+  float n_p = u_ortho ? n.z : dot(n, p);
   float cosine = abs(n_p) / distance;
   float inv_cosine = 1.0 / max(cosine, 0.1);
   float deviation = max(s_u, s_v);
@@ -135,7 +137,8 @@ void main() {
   float size2 = u_two_c * (xx + yy);
   float depth_extent = radius * sqrt(max(0.0, 1.0 - n.z * n.z));
   bool in_front = p.z - depth_extent > 0.0;
-  bool exact = !(in_front && sqrt(size2) * depth_extent <= u_tolerance * (p.z - depth_extent));
+  if (u_ortho && !in_front) return;
+  bool exact = !u_ortho && !(in_front && sqrt(size2) * depth_extent <= u_tolerance * (p.z - depth_extent));
 
   float alpha = float(first.w >> 24) / 255.0;
   float front = n_p < 0.0 ? 1.0 : 0.0;
@@ -152,11 +155,11 @@ void main() {
     float amplitude = area / (2.0 * kPi) * det_J * inversesqrt(det);
     if (!(amplitude > 1e-15)) return;
     float inv_np = 1.0 / (n_p < 0.0 ? min(n_p, -1e-3 * distance) : max(n_p, 1e-3 * distance));
-    float on_plane = pixel * p.z * inv_cosine;
+    float on_plane = pixel * (u_ortho ? 1.0 : p.z) * inv_cosine;
     float footprint = sqrt(u_two_c * (deviation * deviation + on_plane * on_plane));
     v_place = vec4(center, amplitude, flags);
     v_a = vec4(Sigma.y / Sigma.z, 0.5 * Sigma.z / det, 0.5 / Sigma.z, footprint * inv_z * inv_z);
-    v_b = vec4(inv_z, n.xy * inv_np / u_focal, 0);
+    v_b = vec4(u_ortho ? u_far - p.z : inv_z, n.xy * inv_np / u_focal, 0);
     v_c = vec4(0);
     v_more = vec2(0, alpha);
   } else {
