@@ -57,6 +57,8 @@ void declare_options(CLI::App& app, Settings& s) {
       app, "--up", "DIRECTION", "", "What is up: x, y, z, -z or X,Y,Z",
       [&s](const std::string& text) { s.camera.up = surfel::tool::parse_direction("--up", text); });
   app.add_option("--fov", s.camera.fov, "Vertical field of view, degrees, in (0, 180)");
+  app.add_option("--ortho", s.camera.ortho,
+                 "Orthographic projection of this visible height, scene units, > 0");
   app.option_defaults()->group("Options");
   app.add_option("--color-by", s.cloud.attribute,
                  "Column that the page can show instead of colours, where the files have it");
@@ -113,6 +115,7 @@ surfel::ViewPageOptions first_view(surfel::tool::Tool& tool, Settings& s,
           .target = surfel::view_target(s.camera, extent),
           .up = s.camera.up_or_y(),
           .fov = s.camera.fov,
+          .ortho = s.camera.ortho,
           .generator = fmt::format("surfel-view {}", surfel::version())};
 }
 
@@ -168,9 +171,8 @@ int main(int argc, char** argv) {
       require_attribute(s, *clouds.back());
       const surfel::RenderCloud& surfels = clouds.back()->loaded().surfels();
       surfel::tool::tell_left_out(tool, surfel::tool::shown_name(input), surfels.dropped());
-      if (surfels.has_clips()) {
-        tool.note(fmt::format("{}: surfels that end at lines are shown whole", input));
-      }
+      const std::string hidden = clouds.back()->not_shown();
+      if (!hidden.empty()) tool.note(fmt::format("{}: {}", input, hidden));
       tool.report()["surfels"].push_back(surfels.size());
     }
     const surfel::ViewPageOptions options = first_view(tool, s, clouds.front()->loaded());

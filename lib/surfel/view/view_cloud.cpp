@@ -66,6 +66,7 @@ struct ViewCloud::Impl {
   std::unique_ptr<LoadedCloud> values;  ///< The same with the attribute; null: there is none.
   std::string attribute;
   bool colored = false;
+  bool materials = false;  ///< Surfels have numbers of materials.
   std::pair<double, double> range{0, 1};
   mutable std::mutex mutex;
 
@@ -86,6 +87,7 @@ ViewCloud::ViewCloud(const std::string& path, const ViewCloudOptions& options)
   load.wrap = [&](const CloudFacts& facts) {
     if (!facts.source.attributes().normal) refuse_bare(path);
     i.colored = facts.source.attributes().color;
+    i.materials = facts.source.attributes().material;
     const bool known = AttributeValues::find(facts.source, options.attribute).has_value();
     if (!options.attribute.empty() && known) {
       const AttributeValues values(facts.source, options.attribute, Vec3d(0, 0, 1), path);
@@ -127,6 +129,14 @@ bool ViewCloud::has_levels() const { return !impl_->surfels->surfels().tree().em
 bool ViewCloud::colored() const { return impl_->colored; }
 const std::string& ViewCloud::attribute() const { return impl_->attribute; }
 std::pair<double, double> ViewCloud::attribute_range() const { return impl_->range; }
+
+std::string ViewCloud::not_shown() const {
+  const bool clips = impl_->surfels->surfels().has_clips();
+  if (!clips && !impl_->materials) return "";
+  const std::string lines = clips ? "surfels that end at lines are shown whole" : "";
+  const std::string materials = impl_->materials ? "materials are not shown" : "";
+  return lines + (clips && impl_->materials ? ", and " : "") + materials;
+}
 
 std::uint64_t ViewCloud::most_bytes() const {
   const RenderCloud& cloud = impl_->surfels->surfels();

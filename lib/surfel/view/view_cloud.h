@@ -60,6 +60,8 @@ class SURFEL_API ViewCloud {
   const std::string& attribute() const;
   /// The values that stand for 0 and 1 of a packed attribute.
   std::pair<double, double> attribute_range() const;
+  /// A sentence about what the file has and pages do not show; empty: nothing.
+  std::string not_shown() const;
   /// Most bytes that a page takes for the surfels.
   std::uint64_t most_bytes() const;
 

@@ -10,6 +10,7 @@
 #include <surfel/scene/color_map.h>
 #include <surfel/view/page_files.h>
 #include <surfel/view/view_page.h>
+#include <zlib.h>
 
 namespace surfel {
 namespace {
@@ -27,15 +28,19 @@ std::string base64(std::string_view bytes) {
   return text;
 }
 
-/// The modules by the names that they import one another by.
-std::string import_map() {
-  nlohmann::json imports;
+/// The modules' texts by their names, as JSON, in the format of zlib.
+std::string packed_modules() {
+  nlohmann::json modules;
   for (const PageFile& file : page_files()) {
-    if (!file.name.ends_with(".js")) continue;
-    imports["surfel/" + std::string(file.name)] =
-        "data:text/javascript;base64," + base64(file.text);
+    if (file.name.ends_with(".js")) modules[std::string(file.name)] = file.text;
   }
-  return nlohmann::json{{"imports", imports}}.dump();
+  const std::string text = modules.dump();
+  uLongf size = compressBound(text.size());
+  std::string packed(size, '\0');
+  compress2(reinterpret_cast<Bytef*>(packed.data()), &size,
+            reinterpret_cast<const Bytef*>(text.data()), text.size(), Z_BEST_COMPRESSION);
+  packed.resize(size);
+  return packed;
 }
 
 std::vector<double> numbers(const Vec3d& v) { return {v.x(), v.y(), v.z()}; }
@@ -102,6 +107,7 @@ nlohmann::json described(const ViewCloud& cloud) {
       {"colored", cloud.colored()},
       {"recorded", loaded.color_light() == ColorLight::kRecorded},
       {"opaque", !surfels.transparent()},
+      {"hidden", cloud.not_shown()},
       {"shading", surfels.has_shading()},
       {"origin", numbers(surfels.origin())},
       {"min", numbers(extent.box.min)},
@@ -120,7 +126,8 @@ nlohmann::json page_facts(const std::vector<const ViewCloud*>& clouds,
   json["camera"] = {{"eye", numbers(options.eye)},
                     {"target", numbers(options.target)},
                     {"up", numbers(options.up.normalized())},
-                    {"fov", options.fov}};
+                    {"fov", options.fov},
+                    {"ortho", options.ortho.value_or(0)}};
   Bounds bounds;
   for (const ViewCloud* cloud : clouds) {
     json["files"].push_back(described(*cloud));
@@ -144,7 +151,7 @@ std::pair<std::string, std::string> frame_of(const std::vector<const ViewCloud*>
       {"@connect@", served ? "'self'" : "'none'"},
       {"@title@", escaped(title)},
       {"@style@", std::string(page_file("view.css"))},
-      {"@modules@", import_map()},
+      {"@modules@", base64(packed_modules())},
       {"@page@", json_in_html(page_facts(clouds, options, served))},
   }};
   std::string text(page_file("view.html"));

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -21,8 +22,9 @@ struct ViewPageOptions {
   Vec3d eye{0, 0, 1};
   Vec3d target{0, 0, 0};
   Vec3d up{0, 1, 0};
-  double fov = 40;          ///< Vertical field of view, degrees.
-  std::string generator{};  ///< Tool and version, for the page's head.
+  double fov = 40;                ///< Vertical field of view, degrees.
+  std::optional<double> ortho{};  ///< Orthographic instead: visible height in scene units, > 0.
+  std::string generator{};        ///< Tool and version, for the page's head.
   /// Most bytes of a page; a larger one is refused. Browsers hold a page's text twice while they
   /// read it.
   std::uint64_t most_bytes = std::uint64_t{256} << 20;

@@ -1,14 +1,16 @@
-// The camera: an eye, a target, what is up, and a vertical field of view in degrees, as
-// surfel-render takes them. Camera space has x right, y down and z forward.
+// The camera: an eye, a target, what is up, and a vertical field of view in degrees or, of
+// orthographic views, a visible height, as surfel-render takes them. Camera space has x right, y
+// down and z forward.
 
 import { add, anyAcross, cross, dot, length, normalized, scale, subtract, times, turned } from 'surfel/vector.js';
 
 export class Camera {
-  constructor({ eye, target, up, fov }) {
+  constructor({ eye, target, up, fov, ortho = 0 }) {
     this.eye = [...eye];
     this.target = [...target];
     this.up = normalized(up);
     this.fov = fov;
+    this.ortho = ortho; // Visible height; 0: perspective.
   }
 
   copy() {
@@ -31,9 +33,28 @@ export class Camera {
     return [right, cross(forward, right), forward];
   }
 
-  /** Pixels per scene unit at depth 1. */
+  /** Pixels per scene unit at depth 1, or at all depths. */
   focal(height) {
+    if (this.ortho > 0) return height / this.ortho;
     return height / (2 * Math.tan((this.fov * Math.PI) / 360));
+  }
+
+  /** Scene units of a pixel at a depth. */
+  pixelAt(depth, height) {
+    return (this.ortho > 0 ? 1 : depth) / this.focal(height);
+  }
+
+  /** Changes the projection; the target stays as large. */
+  project(orthographic) {
+    if (orthographic === this.ortho > 0) return;
+    const height = 2 * Math.tan((this.fov * Math.PI) / 360);
+    if (orthographic) {
+      this.ortho = height * this.distance();
+      return;
+    }
+    const wanted = this.ortho / height;
+    this.ortho = 0;
+    this.dolly(wanted / this.distance());
   }
 
   /** Turns the eye about the target: to the right, and up, radians. The poles are not passed. */
@@ -67,8 +88,12 @@ export class Camera {
     this.target = add(this.target, by);
   }
 
-  /** Brings the eye nearer to the target by a factor below 1, or takes it away. */
+  /** Brings the eye nearer to the target by a factor below 1, or takes it away; or shows less, or more. */
   dolly(factor) {
+    if (this.ortho > 0) {
+      this.ortho *= factor;
+      return;
+    }
     this.eye = add(this.target, subtract(this.eye, this.target), factor);
   }
 
@@ -79,13 +104,17 @@ export class Camera {
 
   /** The camera as numbers of an address. */
   text() {
-    return [...this.eye, ...this.target, ...this.up, this.fov].map(shortNumber).join(',');
+    const numbers = [...this.eye, ...this.target, ...this.up, this.fov];
+    if (this.ortho > 0) numbers.push(this.ortho);
+    return numbers.map(shortNumber).join(',');
   }
 
   static fromText(text) {
     const n = text.split(',').map(Number);
-    if (n.length !== 10 || !n.every(Number.isFinite)) return null;
-    return new Camera({ eye: n.slice(0, 3), target: n.slice(3, 6), up: n.slice(6, 9), fov: n[9] });
+    if (n.length < 10 || n.length > 11 || !n.every(Number.isFinite)) return null;
+    return new Camera({
+      eye: n.slice(0, 3), target: n.slice(3, 6), up: n.slice(6, 9), fov: n[9], ortho: Math.max(0, n[10] ?? 0),
+    });
   }
 }
 

@@ -133,7 +133,8 @@ export class GpuCloud {
     const focal = camera.focal(height);
     const filter = Math.SQRT2;
     const sides = [width / 2 + filter, height / 2 + filter];
-    const norms = sides.map((side) => Math.hypot(focal, side));
+    const flat = camera.ortho > 0;
+    const norms = sides.map((side) => (flat ? focal : Math.hypot(focal, side)));
     const at = (record, row) =>
       rotation[row][0] * record.center[0] + rotation[row][1] * record.center[1] +
       rotation[row][2] * record.center[2] + t[row];
@@ -142,7 +143,7 @@ export class GpuCloud {
       if (z + radius <= 0) return false;
       for (let axis = 0; axis < 2; ++axis) {
         const p = Math.abs(at(record, axis));
-        if (focal * p - sides[axis] * z > radius * norms[axis]) return false;
+        if (focal * p - sides[axis] * (flat ? 1 : z) > radius * norms[axis]) return false;
       }
       return true;
     };
@@ -153,7 +154,7 @@ export class GpuCloud {
       const reach = record.radius + Math.SQRT2 * record.deviation;
       this.list.nearest = Math.min(this.list.nearest, z - reach);
       this.list.farthest = Math.max(this.list.farthest, z + reach);
-      const error = (record.spacing * focal) / Math.max(z, 1e-12);
+      const error = (record.spacing * focal) / (flat ? 1 : Math.max(z, 1e-12));
       if (record.childCount > 0 && error > lodError) this.list.error = Math.max(this.list.error, error);
     };
     const want = (record, z) => {
@@ -167,7 +168,7 @@ export class GpuCloud {
       const z = at(record, 2);
       if (!visible(record, z)) return true;
       record.seen = this.frame;
-      const near = z - record.radius;
+      const near = flat ? 1 : z - record.radius;
       const fine = near > 0 && record.spacing * focal <= lodError * near;
       if (fine || record.childCount === 0) {
         if (this.slotOf.has(index)) {

@@ -21,7 +21,7 @@ export function commandFor(info, view) {
     'surfel-render', info.path, '-o', view.mode === 'depth' ? 'view.exr' : 'view.png',
     `--size ${view.size[0]}x${view.size[1]}`, `--eye=${numbers(camera.eye)}`,
     `--target=${numbers(camera.target)}`, `--up=${numbers(camera.up)}`,
-    `--fov ${shortNumber(camera.fov)}`, `--shading ${view.lit ? 'phong' : 'none'}`,
+    camera.ortho > 0 ? `--ortho ${shortNumber(camera.ortho)}` : `--fov ${shortNumber(camera.fov)}`, `--shading ${view.lit ? 'phong' : 'none'}`,
     '--relief none', `--background '${view.backgroundCode}'`,
   ];
   if (view.mode === 'normal') words.push('--color-by normal');

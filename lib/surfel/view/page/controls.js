@@ -54,7 +54,7 @@ export class Controls {
 
   /** What is under the pointer stays there, at the target's distance. */
   pan([x, y]) {
-    const size = this.camera.distance() / this.camera.focal(this.canvas.clientHeight);
+    const size = this.camera.pixelAt(this.camera.distance(), this.canvas.clientHeight);
     this.camera.move(-x * size, y * size, 0);
   }
 
@@ -83,10 +83,10 @@ export class Controls {
     const { camera, canvas } = this;
     const depth = this.pick(event.offsetX / canvas.clientWidth, event.offsetY / canvas.clientHeight);
     if (!(depth > 0)) return;
-    const focal = camera.focal(canvas.clientHeight);
+    const size = camera.pixelAt(depth, canvas.clientHeight);
     const [x, y] = [event.offsetX - canvas.clientWidth / 2, event.offsetY - canvas.clientHeight / 2];
     const ahead = depth - camera.distance();
-    camera.move((x / focal) * depth, (-y / focal) * depth, ahead);
+    camera.move(x * size, -y * size, ahead);
     this.moved();
   }
 

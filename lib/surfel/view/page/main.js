@@ -53,7 +53,7 @@ class Viewer {
     this.settings = {
       mode: 'color', lit: !page.files[0].recorded, background: '#ffffff', fov: page.camera.fov,
       clipAxis: '', clipPlace: 0.5, clipFlip: false, compare: page.files.length > 1 ? 'file' : '',
-      split: 0.5, lodError: 1.4, fly: false,
+      split: 0.5, lodError: 1.4, fly: false, ortho: page.camera.ortho > 0,
     };
     this.readSettings();
     this.home = this.firstCamera();
@@ -95,6 +95,7 @@ class Viewer {
     this.panel.onClick('link', () => this.panel.copy(this.link()));
     this.panel.onClick('reset', () => {
       Object.assign(this.camera, this.home.copy(), { fov: this.settings.fov });
+      this.camera.project(this.settings.ortho);
       this.changed();
     });
     window.addEventListener('resize', () => this.changed());
@@ -122,9 +123,11 @@ class Viewer {
     const given = this.address.has('camera') && Camera.fromText(this.address.get('camera'));
     if (given) {
       this.settings.fov = given.fov;
+      this.settings.ortho = given.ortho > 0;
       return given;
     }
     const camera = new Camera({ ...page.camera, fov: this.settings.fov });
+    camera.project(this.settings.ortho);
     const aspect = this.wantedSize(1)[0] / this.wantedSize(1)[1];
     if (aspect < 1) camera.dolly(1 / aspect);
     return camera;
@@ -133,13 +136,14 @@ class Viewer {
   link() {
     const words = new URLSearchParams({ camera: this.camera.text() });
     for (const [name, value] of Object.entries(this.settings)) {
-      if (name !== 'fov') words.set(name, typeof value === 'boolean' ? Number(value) : value);
+      if (name !== 'fov' && name !== 'ortho') words.set(name, typeof value === 'boolean' ? Number(value) : value);
     }
     return `${location.href.split('#')[0]}#${words}`;
   }
 
   settingChanged(name) {
     if (name === 'fov') this.camera.fov = this.settings.fov;
+    if (name === 'ortho') this.camera.project(this.settings.ortho);
     if (name === 'fly') this.controls.fly = this.settings.fly;
     this.changed();
   }
@@ -298,8 +302,7 @@ class Viewer {
     this.layers = 1;
     this.draw(false);
     const [width, height] = this.renderer.size;
-    const nearness = this.renderer.depthAt(Math.floor(x * width), Math.floor(y * height));
-    return nearness > 0 ? 1 / nearness : 0;
+    return this.renderer.depthAt(Math.floor(x * width), Math.floor(y * height));
   }
 
   /** The commands that make what is seen, one for each side of the slider. */

@@ -24,7 +24,7 @@ function modesOf(info) {
 
 export class Panel {
   /**
-   * @param settings  mode, lit, background, fov, clip, compare, split, lodError, fly.
+   * @param settings  mode, lit, background, fov, ortho, clip, compare, split, lodError, fly.
    * @param changed   is called with the name of a setting that the reader has changed.
    */
   constructor(files, settings, changed) {
@@ -33,6 +33,7 @@ export class Panel {
     this.changed = changed;
     find('name').textContent = files.map((file) => file.name).join(' and ');
     find('facts').textContent = files.map((file) => file.facts).join('; ');
+    find('hidden').textContent = files.map((file) => file.hidden).filter(Boolean).join('; ');
     options(find('mode'), modesOf(files[0]));
     const others = files.length > 1 ? [['file', files[1].name]] : [];
     const modes = modesOf(files[0]).map(([value, text]) => [value, text]);
@@ -42,6 +43,7 @@ export class Panel {
     this.bind('lit', 'lit', 'checked');
     this.bind('background', 'background', 'value');
     this.bind('fov', 'fov', 'valueAsNumber');
+    this.bind('ortho', 'ortho', 'checked');
     this.bind('axis', 'clipAxis', 'value');
     this.bind('place', 'clipPlace', 'valueAsNumber');
     this.bind('flip', 'clipFlip', 'checked');

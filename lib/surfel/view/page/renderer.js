@@ -1,127 +1,20 @@
-// Draws clouds in WebGL2 by passes: the nearest fragments' depths, sums over the fragments of their
-// surfaces, the same for what is behind where that is seen, and pictures of the sums.
+// Draws clouds in WebGL2 by passes: the nearest fragments' depths, the mean depths of their surfaces,
+// the same for what is behind where that is seen, sums over the fragments of each surface, and
+// pictures of the sums.
 
-import { normalized, scale, times } from 'surfel/vector.js';
+import * as pictures from 'surfel/pictures.js';
+import { Program } from 'surfel/program.js';
 import * as shaders from 'surfel/shaders.js';
-
-/** What follows from the cutoff of the kernels and the pixel filter, as in surfel-render. */
-class Weights {
-  constructor(cutoff, lowpass) {
-    const lost = Math.exp(-cutoff);
-    this.mean = 1 - lost;
-    this.full = coverageThreshold(cutoff);
-    this.edge = this.mean - (this.mean - this.full) / 4;
-    this.reach = Math.min(8, Math.ceil(3 * lowpass));
-    const deviation = Math.min(1, lowpass);
-    const taps = [0, 1, 2].map((i) => Math.exp(-((i / deviation) ** 2) / 2));
-    const sum = taps[0] + 2 * (taps[1] + taps[2]);
-    this.taps = taps.map((tap) => tap / sum);
-    const variance = 2 * (this.taps[1] + 4 * this.taps[2]);
-    const ofKernel = 1 - (cutoff * lost) / (1 - lost);
-    const k2 = ofKernel + variance / (lowpass * lowpass);
-    this.backward = ((k2 - 1) / 2) * lowpass * lowpass;
-    this.sharpen = sharpeningTable(Math.sqrt(k2));
-  }
-}
-
-/** The least sum of kernels inside of a surface. */
-function coverageThreshold(cutoff) {
-  const measured = [[0, 0], [0.5, 0.1], [1, 0.31], [1.5, 0.51], [2, 0.61], [3, 0.74], [4, 0.775], [16, 0.795]];
-  for (let i = 1; i < measured.length; ++i) {
-    const [c0, t0] = measured[i - 1];
-    const [c1, t1] = measured[i];
-    if (cutoff <= c1) return t0 + ((t1 - t0) * (cutoff - c0)) / (c1 - c0);
-  }
-  return measured[measured.length - 1][1];
-}
-
-/** The normal distribution: Abramowitz, Stegun, 7.1.26 would be too coarse, so this is a series. */
-function normalDistribution(z) {
-  if (z < -6) return 0;
-  if (z > 6) return 1;
-  let term = z;
-  let sum = z;
-  for (let i = 1; Math.abs(term) > 1e-12; ++i) {
-    term *= (z * z) / (2 * i + 1);
-    sum += term;
-  }
-  return 0.5 + (sum * Math.exp((-z * z) / 2)) / Math.sqrt(2 * Math.PI);
-}
-
-/** Phi(k Phi^-1(i / 512)). */
-function sharpeningTable(k) {
-  const table = new Float32Array(513);
-  const steps = 4096;
-  let before = 0;
-  let sharpBefore = 0;
-  let next = 0;
-  for (let step = 0; step <= steps; ++step) {
-    const z = 6 * ((2 * step) / steps - 1);
-    const here = step === steps ? 1 : normalDistribution(z);
-    const sharp = step === steps ? 1 : normalDistribution(k * z);
-    for (; next <= 512 && next <= here * 512; ++next) {
-      const share = here > before ? (next / 512 - before) / (here - before) : 0;
-      table[next] = sharpBefore + share * (sharp - sharpBefore);
-    }
-    before = here;
-    sharpBefore = sharp;
-  }
-  return table;
-}
-
-/** A linked program with its uniforms by name. */
-class Program {
-  constructor(gl, vertex, fragment) {
-    this.gl = gl;
-    this.program = gl.createProgram();
-    for (const [type, text] of [[gl.VERTEX_SHADER, vertex], [gl.FRAGMENT_SHADER, fragment]]) {
-      const shader = gl.createShader(type);
-      gl.shaderSource(shader, text.trim());
-      gl.compileShader(shader);
-      gl.attachShader(this.program, shader);
-    }
-    gl.linkProgram(this.program);
-    if (!gl.getProgramParameter(this.program, gl.LINK_STATUS)) {
-      const logs = gl.getAttachedShaders(this.program).map((s) => gl.getShaderInfoLog(s));
-      throw new Error(`The graphics driver refuses a program: ${logs.join('')}`);
-    }
-    this.uniforms = {};
-    const count = gl.getProgramParameter(this.program, gl.ACTIVE_UNIFORMS);
-    for (let i = 0; i < count; ++i) {
-      const { name, type } = gl.getActiveUniform(this.program, i);
-      this.uniforms[name.replace('[0]', '')] = { type, at: gl.getUniformLocation(this.program, name) };
-    }
-  }
-
-  /** Makes the program the current one, with these values of uniforms; textures by their names. */
-  use(values) {
-    const { gl } = this;
-    gl.useProgram(this.program);
-    let unit = 0;
-    for (const [name, { type, at }] of Object.entries(this.uniforms)) {
-      const value = values[name];
-      if (type === gl.SAMPLER_2D || type === gl.UNSIGNED_INT_SAMPLER_2D) {
-        gl.activeTexture(gl.TEXTURE0 + unit);
-        gl.bindTexture(gl.TEXTURE_2D, value);
-        gl.uniform1i(at, unit++);
-      } else if (type === gl.FLOAT) {
-        gl.uniform1fv(at, [].concat(value));
-      } else if (type === gl.FLOAT_VEC2) {
-        gl.uniform2fv(at, value);
-      } else if (type === gl.FLOAT_VEC3) {
-        gl.uniform3fv(at, value);
-      } else if (type === gl.FLOAT_MAT3) {
-        gl.uniformMatrix3fv(at, false, value);
-      } else if (type === gl.INT_VEC2) {
-        gl.uniform2iv(at, value);
-      } else {
-        gl.uniform1i(at, value ? Number(value) : 0);
-      }
-    }
-  }
-}
+import { normalized, scale, times } from 'surfel/vector.js';
+import { Weights } from 'surfel/weights.js';
 
 const kListWidth = 2048;
+
+/** Pixels along a side of a tile; kTilesFragment has it, too. */
+const kTile = 8;
+
+/** Layers whose mean depths are found. */
+const kMeans = 2;
 
 /** Pixels of which four layers take half a gigabyte. */
 const kManyPixels = 3e6;
@@ -152,16 +45,25 @@ export class Renderer {
     this.software = isSoftware(gl);
     // Without a graphics processor vertices cost most, and points have a quarter of them.
     this.points = this.software && gl.getParameter(gl.ALIASED_POINT_SIZE_RANGE)[1] >= 512;
+    // Layers whose attributes a pass sums up. All browsers can write into 4 textures at once.
+    const most = Math.min(gl.getParameter(gl.MAX_DRAW_BUFFERS), gl.getParameter(gl.MAX_COLOR_ATTACHMENTS));
+    this.atOnce = most >= 8 ? 4 : 2;
     const splats = (attributes, fragment) => new Program(gl, shaders.splatVertex(attributes), fragment);
-    const screen = (fragment) => new Program(gl, shaders.kScreenVertex, fragment);
+    const screen = (fragment) => new Program(gl, pictures.kScreenVertex, fragment);
     this.nearest = splats(false, shaders.kNearestFragment);
-    this.sum = splats(true, shaders.kSumFragment);
-    this.open = screen(shaders.kOpenFragment);
-    this.composite = screen(shaders.kCompositeFragment);
-    this.sums = screen(shaders.kSumsFragment);
-    this.columns = screen(shaders.kColumnsFragment);
-    this.least = screen(shaders.kLeastFragment);
-    this.final = screen(shaders.kFinalFragment);
+    this.mean = splats(false, shaders.kMeanFragment);
+    this.sum = [];
+    for (let count = 1; count <= this.atOnce; ++count) this.sum.push(splats(true, shaders.sumFragment(count)));
+    this.open = screen(pictures.kOpenFragment);
+    this.findTiles = screen(pictures.kTilesFragment);
+    this.surfaces = screen(pictures.kSurfacesFragment);
+    this.composite = screen(pictures.compositeFragment(false));
+    this.compositeSeveral = screen(pictures.compositeFragment(true));
+    this.compositeTiles = new Program(gl, pictures.kTileVertex, pictures.compositeFragment(true));
+    this.sums = screen(pictures.kSumsFragment);
+    this.columns = screen(pictures.kColumnsFragment);
+    this.least = screen(pictures.kLeastFragment);
+    this.final = screen(pictures.kFinalFragment);
     this.makeQuads();
     this.sharpen = this.texture(gl.R32F, 513, 1, this.weights.sharpen);
     this.nothing = this.texture(gl.R32F, 1, 1, new Float32Array([1]));
@@ -246,20 +148,33 @@ export class Renderer {
       return texture;
     };
     this.layers = Array.from({ length: this.mostLayers(width * height) }, () => {
-      const layer = { nearest: make(gl.RG32F), colors: make(this.sumFormat), normals: make(this.sumFormat) };
+      const layer = { nearest: make(gl.RGBA32F) };
+      for (const name of ['means', 'colors', 'normals']) layer[name] = make(this.sumFormat);
       layer.visibility = this.target([layer.nearest], this.depth);
-      layer.attributes = this.target([layer.colors, layer.normals], this.depth);
+      layer.mean = this.target([layer.means], this.depth);
       return layer;
     });
+    // By the first layer and their number.
+    this.attributes = this.layers.map((_, first) =>
+      this.sum.map((_, last) => {
+        const layers = this.layers.slice(first, first + last + 1);
+        return this.target(layers.flatMap((l) => [l.colors, l.normals]), this.depth);
+      }));
+    this.tiles = [width, height].map((side) => Math.ceil(side / kTile));
+    this.openTiles = this.texture(gl.R8, ...this.tiles);
+    this.textures.push(this.openTiles);
+    this.tiled = this.target([this.openTiles]);
     this.color = make(gl.RGBA32F);
-    this.sumsOfSides = make(gl.RGBA32F);
-    this.composed = this.target([this.color, this.sumsOfSides]);
+    this.sumsOfSides = make(gl.RG32F);
+    this.pairs = [make(gl.RGBA32F), make(gl.RGBA32F)];
+    this.paired = this.target(this.pairs);
+    this.composed = this.target([this.color, this.sumsOfSides], this.depth);
     this.planes = [1, 2, 3].map(() => {
       const texture = make(gl.R32F);
       return { texture, frame: this.target([texture]) };
     });
     this.frames = [
-      ...this.layers.flatMap((l) => [l.visibility, l.attributes]), this.composed,
+      ...this.layers.flatMap((l) => [l.visibility, l.mean]), ...this.attributes.flat(), this.tiled, this.paired, this.composed,
       ...this.planes.map((p) => p.frame),
     ];
   }
@@ -297,38 +212,42 @@ export class Renderer {
     gl.viewport(0, 0, width, height);
     gl.enable(gl.SCISSOR_TEST);
     gl.scissor(this.scissor[0], 0, this.scissor[1] - this.scissor[0], height);
-    if (this.points) {
-      this.putList(drawn);
-    } else {
-      gl.bindBuffer(gl.ARRAY_BUFFER, this.drawn);
-      gl.bufferData(gl.ARRAY_BUFFER, drawn.data.subarray(0, 2 * drawn.count), gl.DYNAMIC_DRAW);
-    }
-
     const uniforms = { ...this.cameraUniforms(cloud, view), ...this.cloudUniforms(cloud, view) };
-    uniforms.u_depth_scale = drawn.nearest;
-    uniforms.u_list = this.list;
-    uniforms.u_most = Math.max(1, drawn.most);
+    // In front of the eye, so that depths are positive.
+    this.far = view.camera.ortho > 0 ? drawn.farthest + 0.01 * Math.abs(drawn.farthest) : 0;
+    uniforms.u_ortho = view.camera.ortho > 0;
+    uniforms.u_far = this.far;
+    uniforms.u_depth_scale = uniforms.u_ortho ? 1 / (this.far - Math.min(0, drawn.nearest)) : drawn.nearest;
     const layers = Math.min(view.layers, this.layers.length);
     for (let i = 0; i < 4; ++i) {
       const layer = this.layers[Math.min(i, this.layers.length - 1)];
       uniforms[`u_nearest${i + 1}`] = layer.nearest;
+      uniforms[`u_means${i + 1}`] = layers > 1 && i < kMeans ? layer.means : this.nothing;
       uniforms[`u_colors${i + 1}`] = layer.colors;
       uniforms[`u_normals${i + 1}`] = layer.normals;
     }
-    for (let i = 0; i < layers; ++i) this.drawLayer(i, layers, drawn, uniforms);
     uniforms.u_layers = layers;
-    // Where nothing behind is known, what is in front covers the pixel.
-    if (layers === 1) uniforms.u_full = 0.01;
+    this.putList(drawn);
+    for (let i = 0; i < layers; ++i) this.findLayer(i, layers, drawn, uniforms);
+    this.sumLayers(layers, drawn, uniforms);
+    this.fill(this.surfaces, this.paired, uniforms);
+    [uniforms.u_surfaces1, uniforms.u_surfaces2] = this.pairs;
     uniforms.u_sums = this.sumsOfSides;
-    this.fill(this.composite, this.composed, uniforms);
+    this.compose(layers, uniforms);
     if (!view.fast && layers > 1) this.findEdges(uniforms);
     this.finish(uniforms, view, x0, x1);
     gl.disable(gl.SCISSOR_TEST);
   }
 
-  /** The clusters to be drawn, as a texture: instances of few points each would take longer. */
+  /** Hands the clusters to be drawn on. */
   putList(drawn) {
     const { gl } = this;
+    if (!this.points) {
+      gl.bindBuffer(gl.ARRAY_BUFFER, this.drawn);
+      gl.bufferData(gl.ARRAY_BUFFER, drawn.data.subarray(0, 2 * drawn.count), gl.DYNAMIC_DRAW);
+      return;
+    }
+    // As a texture: instances of few points each would take longer.
     const rows = Math.ceil(drawn.data.length / 2 / kListWidth);
     if (rows > this.listRows) {
       gl.deleteTexture(this.list);
@@ -395,6 +314,9 @@ export class Renderer {
       u_depth_range: view.depthRange,
       u_full: weights.full,
       u_edge_weight: weights.edge,
+      // Half floats have the smaller range.
+      u_outweigh: this.sumFormat === this.gl.RGBA32F ? [60, 80] : [5, 5],
+      u_opaque: cloud.info.opaque,
       u_mean: weights.mean,
       u_inv_mean: 1 / weights.mean,
       u_taps: weights.taps,
@@ -404,22 +326,16 @@ export class Renderer {
     };
   }
 
-  /** Visibility and attributes of a layer: of the surfaces that those before do not hold. */
-  drawLayer(number, layers, drawn, uniforms) {
+  /**
+   * Visibility and mean depth of a layer: of the surfaces that those before do not hold. Layers after kMeans are only
+   * told by their nearest fragments.
+   */
+  findLayer(number, layers, drawn, uniforms) {
     const { gl } = this;
     const layer = this.layers[number];
-    const values = { ...uniforms, u_layer: number, u_nearest: layer.nearest, u_takes_rest: number > 0 && number + 1 === layers };
+    const values = { ...uniforms, u_layer: number, u_nearest: layer.nearest, u_takes_rest: number > 0 && number + 1 === layers, };
     // No texture may be read while it is drawn into.
-    for (let i = number; i < 4; ++i) values[`u_nearest${i + 1}`] = this.nothing;
-    const splats = () => {
-      gl.bindVertexArray(this.vertices);
-      if (this.points) {
-        gl.bindVertexArray(this.noVertices);
-        gl.drawArrays(gl.POINTS, 0, drawn.most * drawn.count);
-      } else {
-        gl.drawElementsInstanced(gl.TRIANGLES, 6 * drawn.most, gl.UNSIGNED_SHORT, 0, drawn.count);
-      }
-    };
+    for (let i = number; i < 4; ++i) values[`u_nearest${i + 1}`] = values[`u_means${i + 1}`] = this.nothing;
     if (number > 0) this.markOpen(number, uniforms);
     gl.bindFramebuffer(gl.FRAMEBUFFER, layer.visibility);
     gl.clearBufferfv(gl.COLOR, 0, [0, 0, 0, 0]);
@@ -427,17 +343,70 @@ export class Renderer {
     gl.clearBufferfv(gl.DEPTH, 0, [0]);
     gl.enable(gl.DEPTH_TEST);
     gl.depthFunc(gl.GREATER);
-    this.nearest.use(values);
-    splats();
+    this.drawSplats(this.nearest, values, drawn);
     gl.disable(gl.DEPTH_TEST);
-    gl.bindFramebuffer(gl.FRAMEBUFFER, layer.attributes);
-    gl.clearBufferfv(gl.COLOR, 0, [0, 0, 0, 0]);
-    gl.clearBufferfv(gl.COLOR, 1, [0, 0, 0, 0]);
+    if (layers > 1 && number < kMeans) {
+      gl.bindFramebuffer(gl.FRAMEBUFFER, layer.mean);
+      gl.clearBufferfv(gl.COLOR, 0, [0, 0, 0, 0]);
+      this.addSplats(this.mean, values, drawn);
+    }
+    gl.disable(gl.STENCIL_TEST);
+  }
+
+  /** Attributes of all layers. The stencil holds the number of the last one that a pixel may have. */
+  sumLayers(layers, drawn, uniforms) {
+    const { gl } = this;
+    for (let first = 0; first < layers; first += this.atOnce) {
+      const count = Math.min(this.atOnce, layers - first);
+      gl.bindFramebuffer(gl.FRAMEBUFFER, this.attributes[first][count - 1]);
+      for (let i = 0; i < 2 * count; ++i) gl.clearBufferfv(gl.COLOR, i, [0, 0, 0, 0]);
+      if (first > 0) gl.enable(gl.STENCIL_TEST);
+      gl.stencilFunc(gl.LEQUAL, first, 255);
+      this.addSplats(this.sum[count - 1], { ...uniforms, u_from: first }, drawn);
+      gl.disable(gl.STENCIL_TEST);
+    }
+  }
+
+  addSplats(program, uniforms, drawn) {
+    const { gl } = this;
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.ONE, gl.ONE);
-    this.sum.use(values);
-    splats();
+    this.drawSplats(program, uniforms, drawn);
     gl.disable(gl.BLEND);
+  }
+
+  drawSplats(program, uniforms, drawn) {
+    const { gl } = this;
+    program.use({ ...uniforms, u_list: this.list, u_most: Math.max(1, drawn.most) });
+    if (this.points) {
+      gl.bindVertexArray(this.noVertices);
+      gl.drawArrays(gl.POINTS, 0, drawn.most * drawn.count);
+    } else {
+      gl.bindVertexArray(this.vertices);
+      gl.drawElementsInstanced(gl.TRIANGLES, 6 * drawn.most, gl.UNSIGNED_SHORT, 0, drawn.count);
+    }
+  }
+
+  /** Pixels of several layers, and edges of transparent surfaces, take a longer program. */
+  compose(layers, uniforms) {
+    const { gl } = this;
+    if (layers > 1 && !uniforms.u_opaque) {
+      this.fill(this.compositeSeveral, this.composed, uniforms);
+      return;
+    }
+    // Where nothing behind is known, what is in front covers the pixel.
+    this.fill(this.composite, this.composed, layers === 1 ? { ...uniforms, u_full: 0.01 } : uniforms);
+    if (layers === 1) return;
+    gl.disable(gl.SCISSOR_TEST);
+    gl.viewport(0, 0, ...this.tiles);
+    this.fill(this.findTiles, this.tiled, { ...uniforms, u_means: this.layers[0].means });
+    gl.viewport(0, 0, ...this.size);
+    gl.enable(gl.SCISSOR_TEST);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, this.composed);
+    gl.enable(gl.STENCIL_TEST);
+    gl.stencilFunc(gl.NOTEQUAL, 0, 255);
+    this.compositeTiles.use({ ...uniforms, u_tiles: this.openTiles, u_across: this.tiles[0] });
+    gl.drawArrays(gl.POINTS, 0, this.tiles[0] * this.tiles[1]);
     gl.disable(gl.STENCIL_TEST);
   }
 
@@ -452,7 +421,8 @@ export class Renderer {
     // Only pixels that were open before stay so.
     gl.stencilFunc(gl.EQUAL, number - 1, 255);
     gl.stencilOp(gl.KEEP, gl.KEEP, gl.INCR);
-    this.open.use({ ...uniforms, u_colors: before.colors, u_normals: before.normals });
+    const summed = number <= kMeans;
+    this.open.use({ ...uniforms, u_nearest: before.nearest, u_means: summed ? before.means : this.nothing, u_summed: summed });
     gl.bindVertexArray(this.noVertices);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
     gl.colorMask(true, true, true, true);
@@ -494,14 +464,15 @@ export class Renderer {
     });
   }
 
-  /** The depths of the picture drawn last, nearest first: 1 / z of a pixel, 0 where there is none. */
+  /** The depth of a pixel of the picture drawn last; 0 where there is none. */
   depthAt(x, y) {
     const { gl } = this;
     const value = new Float32Array(4);
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.layers[0].visibility);
     gl.readBuffer(gl.COLOR_ATTACHMENT0);
     gl.readPixels(x, y, 1, 1, gl.RGBA, gl.FLOAT, value);
-    return value[0];
+    if (value[0] === 0) return 0;
+    return this.far > 0 ? this.far - value[0] : 1 / value[0];
   }
 
   /** Waits until all has been drawn. */

@@ -1,0 +1,493 @@
+// The programs that make pictures of sums over splats, pixel by pixel.
+
+import { kHead } from 'surfel/shaders.js';
+
+export const kScreenVertex = `${kHead}
+void main() {
+  gl_Position = vec4(vec2(gl_VertexID & 1, gl_VertexID >> 1) * 4.0 - 1.0, 0, 1);
+}
+`;
+
+/** Where the latest layer leaves something of the pixel to what is behind it, as far as that is known. */
+export const kOpenFragment = `${kHead}
+uniform sampler2D u_nearest, u_means;
+uniform float u_edge_weight;
+uniform bool u_opaque, u_summed;
+void main() {
+  ivec2 at = ivec2(gl_FragCoord.xy);
+  vec3 sums = texelFetch(u_means, at, 0).xyz;
+  bool covers = u_summed && sums.x >= u_edge_weight && (u_opaque || sums.z >= 0.9995 * sums.x);
+  if (texelFetch(u_nearest, at, 0).y == 0.0 || covers) discard;
+}
+`;
+
+/** A point around each tile of 8 x 8 pixels some of which are open. */
+export const kTileVertex = `${kHead}
+uniform sampler2D u_tiles;
+uniform int u_across;
+uniform vec2 u_size;
+void main() {
+  ivec2 tile = ivec2(gl_VertexID % u_across, gl_VertexID / u_across);
+  bool open = texelFetch(u_tiles, tile, 0).x > 0.0;
+  // Points are drawn whose middle lies in the picture.
+  vec2 middle = max(min(vec2(tile) * 8.0 + 4.0, u_size - 4.0), vec2(0));
+  gl_PointSize = 8.0;
+  gl_Position = open ? vec4(middle / u_size * 2.0 - 1.0, 0, 1) : vec4(2, 2, 2, 1);
+}
+`;
+
+/** Whether there are open pixels among 8 x 8. */
+export const kTilesFragment = `${kHead}
+uniform sampler2D u_means;
+uniform float u_edge_weight;
+uniform bool u_opaque;
+uniform ivec2 u_last;
+layout(location = 0) out float open;
+void main() {
+  open = 0.0;
+  for (int y = 0; y < 8; ++y) {
+    for (int x = 0; x < 8; ++x) {
+      ivec2 at = min(ivec2(gl_FragCoord.xy) * 8 + ivec2(x, y), u_last);
+      vec3 sums = texelFetch(u_means, at, 0).xyz;
+      bool covers = sums.x >= u_edge_weight && (u_opaque || sums.z >= 0.9995 * sums.x);
+      if (sums.x > 0.0 && !covers) open = 1.0;
+    }
+  }
+}
+`;
+
+/** Sums of rho, negative where the back is seen, and mean depths of two layers each, for pixels around. */
+export const kSurfacesFragment = `${kHead}
+uniform sampler2D u_nearest1, u_nearest2, u_nearest3, u_nearest4;
+uniform sampler2D u_means1, u_means2, u_means3, u_means4;
+uniform sampler2D u_colors1, u_colors2, u_colors3, u_colors4;
+uniform int u_layers;
+layout(location = 0) out vec4 first;
+layout(location = 1) out vec4 second;
+vec2 surface(sampler2D nearest, sampler2D means, sampler2D colors) {
+  ivec2 at = ivec2(gl_FragCoord.xy);
+  vec2 near = texelFetch(nearest, at, 0).xy;
+  vec2 sums = texelFetch(means, at, 0).xy;
+  if (near.y == 0.0) return vec2(0);
+  float weight = texelFetch(colors, at, 0).a;
+  float depth = sums.x > 0.0 ? near.x * (1.0 - sums.y / sums.x) : near.x;
+  return vec2((int(near.y) & 1) != 0 ? weight : -weight, depth);
+}
+void main() {
+  first = vec4(surface(u_nearest1, u_means1, u_colors1), 0, 0);
+  second = vec4(0);
+  if (u_layers > 1) first.zw = surface(u_nearest2, u_means2, u_colors2);
+  if (u_layers > 2) second.xy = surface(u_nearest3, u_means3, u_colors3);
+  if (u_layers > 3) second.zw = surface(u_nearest4, u_means4, u_colors4);
+}
+`;
+
+/**
+ * The third pass: divides, shades and composites. Colours are premultiplied. What is named after a function or class of
+ * surfel-render (a_buffer.cpp, edge_search.cpp) is the same here.
+ * @param several  whether pixels may have several layers, or edges that are not found later; programs of the processor
+ *                 take the time of all branches.
+ */
+export const compositeFragment = (several) => `${kHead}
+#define SEVERAL ${several ? 1 : 0}
+uniform sampler2D u_nearest1, u_nearest2, u_nearest3, u_nearest4;
+uniform sampler2D u_means1, u_means2, u_means3, u_means4;
+uniform sampler2D u_surfaces1, u_surfaces2;
+uniform sampler2D u_colors1, u_colors2, u_colors3, u_colors4;
+uniform sampler2D u_normals1, u_normals2, u_normals3, u_normals4;
+uniform int u_mode, u_layers;
+uniform bool u_lit, u_mapped, u_opaque, u_ortho;
+uniform float u_far;
+uniform float u_full, u_mean, u_edge_weight, u_inv_mean;
+uniform mat3 u_world_from_camera;
+uniform vec2 u_focal, u_center;
+uniform vec3 u_up, u_light, u_light_color, u_sky, u_ground;
+uniform vec2 u_depth_range;
+uniform sampler2D u_map;
+uniform ivec2 u_last;
+layout(location = 0) out vec4 color;
+layout(location = 1) out vec2 sums;  // Share of the mean sum of kernels; whether the opacity is to be kept.
+
+struct Layer { float depth, weight, alpha, cover, edge; int flags; bool far, one_body; vec3 color, normal; };
+
+Layer layers[4];
+int count = 0;
+
+void add_layer(vec2 surface, sampler2D nearest, sampler2D means, sampler2D colors, sampler2D normals) {
+  ivec2 at = ivec2(gl_FragCoord.xy);
+  if (surface.x == 0.0) return;
+  vec4 color = texelFetch(colors, at, 0);
+  vec4 normal = texelFetch(normals, at, 0);
+  Layer l;
+  l.weight = color.a;
+  l.depth = surface.y;
+  l.flags = int(texelFetch(nearest, at, 0).y);
+  vec2 first = texelFetch(means, at, 0).zw;
+  if (u_opaque && first.x > 0.0) {
+    int size = int(first.y / first.x + 0.5);
+    l.flags = l.flags & ~18 | (size == 2 ? 18 : size == 1 ? 16 : 0);
+  }
+  l.alpha = normal.a / l.weight;
+  l.color = normal.a > 0.0 ? color.rgb / normal.a : vec3(0);
+  l.normal = normal.xyz;
+  l.edge = 0.0;
+  l.far = false;
+  int place = count++;
+  for (; place > 0 && layers[place - 1].depth < l.depth; --place) layers[place] = layers[place - 1];
+  layers[place] = l;
+}
+
+vec3 shade(Layer l) {
+  if (u_mode == 2) {
+    float z = u_ortho ? u_far - l.depth : 1.0 / l.depth;
+    float share = clamp((z - u_depth_range.x) / (u_depth_range.y - u_depth_range.x), 0.0, 1.0);
+    return texelFetch(u_map, ivec2(int(255.5 - share * 255.0), 0), 0).rgb;
+  }
+  if (!u_lit) return l.color;
+  vec3 ray = u_world_from_camera * vec3(u_ortho ? vec2(0) : (gl_FragCoord.xy - u_center) / u_focal, 1);
+  vec3 to_eye = -normalize(ray);
+  float size = length(l.normal);
+  vec3 n = size > 0.0 ? l.normal / size : to_eye;
+  bool away = u_mapped ? size > 0.0 && (l.flags & 1) == 0 : dot(n, to_eye) < 0.0;
+  if (away) n = -n;
+  if (u_mapped && size > 0.0) n *= min(1.0, size / l.weight);
+  vec3 diffuse = 0.5 * (u_sky + u_ground) + dot(n, u_up) * 0.5 * (u_sky - u_ground) +
+                 max(0.0, dot(n, u_light)) * u_light_color;
+  return l.color * diffuse;
+}
+
+bool is_front(Layer l) { return (l.flags & 1) != 0; }
+#if SEVERAL
+bool is_filtered(Layer l) { return (l.flags & 2) != 0; }
+// kRimDepth
+float rim_depth(Layer l) { return 0.02 * (u_ortho ? u_far - l.depth : l.depth); }
+bool is_near(Layer a, Layer b) { return abs(a.depth - b.depth) <= rim_depth(a); }
+bool at_rims(Layer a, Layer b) { return (a.flags & b.flags & 4) != 0; }
+
+// EdgeNeighbors: what continues a layer in the pixels around.
+const float kOutside = -1.0;
+const float kFar = -3e38;
+float leading, nearest_front;
+
+float continued(Layer l, ivec2 at) {
+  if (any(lessThan(at, ivec2(0))) || any(greaterThan(at, u_last))) return kOutside;
+  vec4 first = texelFetch(u_surfaces1, at, 0);
+  vec4 second = texelFetch(u_surfaces2, at, 0);
+  vec4 weight = vec4(first.xz, second.xz);
+  vec4 depth = vec4(first.yw, second.yw);
+  float side = is_front(l) ? 1.0 : -1.0;
+  float least = 3e38;
+  float found = 0.0;
+  float sum = 0.0;
+  float nearest = kFar;
+  for (int i = 0; i < 4; ++i) {
+    if (weight[i] == 0.0) continue;
+    nearest = max(nearest, depth[i]);
+    if (weight[i] > 0.0) nearest_front = max(nearest_front, depth[i]);
+    float distance = abs(depth[i] - l.depth);
+    if (weight[i] * side > 0.0 && distance < least) {
+      least = distance;
+      sum = abs(weight[i]);
+      found = depth[i];
+    }
+  }
+  if (sum > 0.0 && found >= nearest) leading = max(leading, sum);
+  return sum;
+}
+
+float sum_at_end(float far, float near, float before, float before2, float weight) {
+  if (far >= 0.0) return far;
+  if (near >= 0.0) return before > near ? near * near / before : near;
+  return before2 > weight ? weight * weight / before2 : weight;
+}
+
+// edge_of(): the degree to which a layer is at an edge, by the sums along a row or a column.
+bool is_gap(vec4 a, float weight) { return min(max(a.y, a.x), max(a.z, a.w)) > 1.2 * weight; }
+float least_at_ends(vec4 a, float weight) {
+  return min(weight, min(sum_at_end(a.x, a.y, a.z, a.w, weight), sum_at_end(a.w, a.z, a.y, a.x, weight)));
+}
+
+void look_around(inout Layer l, bool may_end, bool may_be_far) {
+  ivec2 at = ivec2(gl_FragCoord.xy);
+  leading = kFar;
+  nearest_front = kFar;
+  continued(l, at);
+  vec4 row, column;
+  for (int i = 0; i < 4; ++i) {
+    int step = i < 2 ? i - 2 : i - 1;
+    row[i] = continued(l, at + ivec2(step, 0));
+    column[i] = continued(l, at + ivec2(0, step));
+  }
+  l.far = may_be_far && leading < 0.8 * u_edge_weight && nearest_front >= l.depth - rim_depth(l);
+  if (l.far && is_filtered(l)) {
+    l.edge = 1.0;
+  } else if (may_end && !is_gap(row, l.weight) && !is_gap(column, l.weight)) {
+    float least = min(least_at_ends(row, l.weight), least_at_ends(column, l.weight));
+    l.edge = clamp((0.5 - least / u_full) / (0.5 - 1.0 / 6.0), 0.0, 1.0);
+  }
+}
+
+void find_edges() {
+  bool hidden = false;
+  for (int i = 0; i < count; ++i) {
+    Layer l = layers[i];
+    // Opacities of single opaque surfaces are found later.
+    bool may_end = !(u_opaque && count == 1) && l.weight < u_edge_weight && is_filtered(l);
+    bool may_be_far = !hidden && u_opaque && count > 1 && !is_front(l);
+    hidden = hidden || (u_opaque && l.weight >= u_edge_weight && is_front(l));
+    if (u_layers > 1 && (may_end || may_be_far)) look_around(layers[i], may_end, may_be_far);
+    float full = u_full + (u_edge_weight - u_full) * layers[i].edge;
+    layers[i].cover = min(1.0, l.weight / full);
+    layers[i].one_body = false;
+  }
+}
+
+// Beyond the silhouette of a body the planes of its sides have crossed: its front is seen.
+void order_by_sight() {
+  int first_back = 0;
+  bool covered = false;
+  bool far_sides = true;
+  for (int i = 0; i < count; ++i) {
+    Layer l = layers[i];
+    bool part = l.cover < 1.0;
+    if (!is_front(l) && (part || l.far || (l.flags & 4) != 0)) {
+      covered = covered || !part;
+      far_sides = far_sides && l.far;
+      continue;
+    }
+    if (is_front(l) && first_back < i &&
+        (far_sides || (part && !covered) || (at_rims(layers[first_back], l) && is_near(layers[first_back], l)))) {
+      l.one_body = true;
+      for (int k = i; k > first_back; --k) layers[k] = layers[k - 1];
+      layers[first_back] = l;
+      ++first_back;
+      far_sides = false;
+    } else {
+      first_back = i + 1;
+      covered = false;
+      far_sides = !is_front(l);
+    }
+  }
+}
+
+// Parts of one surface that come as several layers cover the pixel by their sums.
+void share_by_sums() {
+  if (!u_opaque || count < 2) return;
+  float total = 0.0;
+  for (int i = 0; i < count; ++i) total += layers[i].weight;
+  float several = 1.35 * u_mean;
+  float whole = total < several ? u_mean : u_edge_weight;
+  int first = 0;
+  for (int guard = 0; guard < 4 && first + 1 < count; ++guard) {
+    float sum = layers[first].weight;
+    float open = 1.0 - layers[first].cover;
+    int end = first + 1;
+    if (is_filtered(layers[first]) && sum < whole) {
+      for (; end < count; ++end) {
+        bool follows = is_filtered(layers[end]) && is_near(layers[end - 1], layers[end]) &&
+                       is_front(layers[end]) == is_front(layers[end - 1]);
+        if (!follows || sum + layers[end].weight >= several) break;
+        sum += layers[end].weight;
+        open *= 1.0 - layers[end].cover;
+      }
+    }
+    if (end - first > 1) {
+      float degree = clamp((1.35 - sum / u_mean) / 0.2, 0.0, 1.0);
+      float covered = max(1.0 - open, min(1.0, sum / u_edge_weight));
+      float transmitted = 1.0;
+      for (int i = first; i < end; ++i) {
+        float shared =
+            transmitted > 0.0 ? min(1.0, covered * layers[i].weight / sum / transmitted) : 1.0;
+        transmitted *= 1.0 - shared;
+        layers[i].cover += degree * (shared - layers[i].cover);
+      }
+    }
+    first = end;
+  }
+}
+#endif
+
+void main() {
+  vec4 s1 = texelFetch(u_surfaces1, ivec2(gl_FragCoord.xy), 0);
+  color = vec4(0);
+  sums = vec2(0);
+  add_layer(s1.xy, u_nearest1, u_means1, u_colors1, u_normals1);
+#if SEVERAL
+  vec4 s2 = texelFetch(u_surfaces2, ivec2(gl_FragCoord.xy), 0);
+  if (u_layers > 1) add_layer(s1.zw, u_nearest2, u_means2, u_colors2, u_normals2);
+  if (u_layers > 2) add_layer(s2.xy, u_nearest3, u_means3, u_colors3, u_normals3);
+  if (u_layers > 3) add_layer(s2.zw, u_nearest4, u_means4, u_colors4, u_normals4);
+#endif
+  if (count == 0) return;
+  vec2 sides = vec2(0);
+  bool kept = false;
+  for (int i = 0; i < count; ++i) {
+    sides += layers[i].weight * vec2(!is_front(layers[i]), is_front(layers[i]));
+    kept = kept || (layers[i].flags & 16) == 0;
+  }
+#if SEVERAL
+  find_edges();
+  order_by_sight();
+  share_by_sums();
+  // TwoSides: the sides of a body cover the same part of the pixel at its silhouette.
+  float front = 0.0;
+  float back = 0.0;
+  float before = 1.0;
+  float after = 1.0;
+  float one_body = 0.0;
+  int last_front = -1;
+  vec4 front_color = vec4(0);
+  for (int i = 0; i < count; ++i) {
+    Layer l = layers[i];
+    float transmitted = 1.0 - color.a;
+    float cover = l.cover;
+    vec4 shown = cover * l.alpha * vec4(shade(l), 1);
+    if (is_front(l)) {
+      bool another = back > 0.0 || front >= 1.0;
+      if (another || front == 0.0) before = transmitted;
+      front = another ? cover : front + (1.0 - front) * cover;
+      back = 0.0;
+      one_body = l.one_body ? 1.0 : l.edge;
+      last_front = i;
+      front_color = shown;
+    } else {
+      bool rim = last_front >= 0 && front_color.a > 0.0 && (l.far || at_rims(layers[last_front], l));
+      if (rim) one_body = 1.0;
+      float independent = cover * transmitted;
+      if (front > 0.0 && independent > 0.0) {
+        if (back == 0.0) after = transmitted;
+        float joint = back + (1.0 - back) * cover;
+        float beyond = max(0.0, joint - max(front, back));
+        float hidden = (cover - beyond) * (1.0 - (1.0 - after / before) / front);
+        back = joint;
+        float share = min(1.0, (beyond + hidden) * before / independent);
+        float all = 1.0 + one_body * (share - 1.0);
+        float others = min(all, one_body * beyond * before / independent);
+        if (joint >= 1.0) front = back = 0.0;
+        float own = rim ? all - others : all;
+        vec3 mixed = own * shown.rgb + (rim ? others * shown.a / front_color.a : 0.0) * front_color.rgb;
+        shown = vec4(mixed, all * shown.a);
+      }
+    }
+    color += transmitted * shown;
+  }
+#else
+  Layer l = layers[0];
+  color = min(1.0, l.weight / u_full) * l.alpha * vec4(shade(l), 1);
+#endif
+  sums = vec2(kept ? color.a : min(1.0, max(sides.x, sides.y) * u_inv_mean), kept);
+}
+`;
+
+/** Sums over their mean, filtered along rows: EdgeCoverage of surfel-render. */
+export const kSumsFragment = `${kHead}
+uniform sampler2D u_sums;
+uniform vec3 u_taps;
+uniform ivec2 u_last;
+layout(location = 0) out float smooth_sum;
+float sum_at(int x) {
+  return texelFetch(u_sums, ivec2(clamp(x, 0, u_last.x), int(gl_FragCoord.y)), 0).x;
+}
+void main() {
+  int x = int(gl_FragCoord.x);
+  smooth_sum = u_taps.x * sum_at(x) + u_taps.y * (sum_at(x - 1) + sum_at(x + 1)) +
+               u_taps.z * (sum_at(x - 2) + sum_at(x + 2));
+}
+`;
+
+/** The same along columns. */
+export const kColumnsFragment = `${kHead}
+uniform sampler2D u_rows;
+uniform vec3 u_taps;
+uniform ivec2 u_last;
+layout(location = 0) out float smooth_sum;
+float sum_at(int y) {
+  return texelFetch(u_rows, ivec2(int(gl_FragCoord.x), clamp(y, 0, u_last.y)), 0).x;
+}
+void main() {
+  int y = int(gl_FragCoord.y);
+  smooth_sum = u_taps.x * sum_at(y) + u_taps.y * (sum_at(y - 1) + sum_at(y + 1)) +
+               u_taps.z * (sum_at(y - 2) + sum_at(y + 2));
+}
+`;
+
+/** The least filtered sum along rows. */
+export const kLeastFragment = `${kHead}
+uniform sampler2D u_smooth;
+uniform int u_reach;
+uniform ivec2 u_last;
+layout(location = 0) out float least;
+void main() {
+  ivec2 at = ivec2(gl_FragCoord.xy);
+  least = 1.0;
+  for (int i = -u_reach; i <= u_reach; ++i) {
+    least = min(least, texelFetch(u_smooth, ivec2(clamp(at.x + i, 0, u_last.x), at.y), 0).x);
+  }
+}
+`;
+
+/** Opacities at edges, the background, and codes of sRGB. */
+export const kFinalFragment = `${kHead}
+uniform sampler2D u_color, u_smooth, u_least, u_sharpen, u_sums, u_relief;
+uniform bool u_edges, u_has_relief;
+uniform int u_reach, u_height;
+uniform ivec2 u_last, u_offset;
+uniform float u_backward;
+uniform vec3 u_background;
+layout(location = 0) out vec4 color;
+
+float smooth_at(ivec2 at) { return texelFetch(u_smooth, clamp(at, ivec2(0), u_last), 0).x; }
+
+float sharpened(float sum, float laplacian) {
+  float place = clamp(sum, 0.0, 1.0) * 512.0;
+  int i = min(int(place), 511);
+  float straight = mix(texelFetch(u_sharpen, ivec2(i, 0), 0).x,
+                       texelFetch(u_sharpen, ivec2(i + 1, 0), 0).x, place - float(i));
+  float difference = sum - u_backward * laplacian - straight;
+  bool small = sum < 0.3 && laplacian < 0.0;
+  float uneven = small ? 0.0 : min(min(0.03, 0.1 * sum), sum * sum);
+  return clamp(straight + difference - clamp(difference, -uneven, uneven), 0.0, 1.0);
+}
+
+vec3 code_of(vec3 c) {
+  c = clamp(c, 0.0, 1.0);
+  return mix(c * 12.92, 1.055 * pow(c, vec3(1.0 / 2.4)) - 0.055, step(0.0031308, c));
+}
+
+void main() {
+  ivec2 at = ivec2(gl_FragCoord.xy) - u_offset;
+  at.y = u_height - 1 - at.y;
+  vec4 seen = texelFetch(u_color, at, 0);
+  bool kept = texelFetch(u_sums, at, 0).y != 0.0;
+  if (u_edges && !kept) {
+    float low = 1.0;
+    for (int i = -u_reach; i <= u_reach; ++i) {
+      low = min(low, texelFetch(u_least, ivec2(at.x, clamp(at.y + i, 0, u_last.y)), 0).x);
+    }
+    if (low < 0.5) {
+      float sum = smooth_at(at);
+      float laplacian = smooth_at(at + ivec2(1, 0)) + smooth_at(at - ivec2(1, 0)) +
+                        smooth_at(at + ivec2(0, 1)) + smooth_at(at - ivec2(0, 1)) - 4.0 * sum;
+      float edge = min(1.0, (0.5 - low) / 0.2);
+      float opacity = seen.a + edge * (sharpened(sum, laplacian) - seen.a);
+      if (seen.a < 1.0 / 4096.0 && opacity >= 1.0 / 4096.0) {
+        // No kernel reaches the pixel: it has the mean colour around it.
+        vec4 around = vec4(0);
+        bool kept_around = false;
+        for (int y = -2; y <= 2; ++y) {
+          for (int x = -2; x <= 2; ++x) {
+            ivec2 other = clamp(at + ivec2(x, y), ivec2(0), u_last);
+            around += texelFetch(u_color, other, 0);
+            kept_around = kept_around || texelFetch(u_sums, other, 0).y != 0.0;
+          }
+        }
+        seen = around.a > 0.0 && !kept_around ? around / around.a * opacity : vec4(0);
+      } else if (seen.a > 0.0) {
+        seen *= opacity / seen.a;
+      }
+    }
+  }
+  if (u_has_relief) seen.rgb *= texelFetch(u_relief, at, 0).x;
+  color = vec4(code_of(seen.rgb + (1.0 - seen.a) * u_background), 1);
+}
+`;
