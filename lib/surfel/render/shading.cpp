@@ -45,8 +45,8 @@ struct ArrayOps {
 
 /// \param place  gives the surface's place relative to the eye, for point lights.
 template <class Place>
-Vec3f lit_by(const Lighting& lighting, const Lighting::Reflection& reflection, const Vec3f& color,
-             const SeenSurface& surface, const Place& place) {
+HWY_ATTR Vec3f lit_by(const Lighting& lighting, const Lighting::Reflection& reflection,
+                      const Vec3f& color, const SeenSurface& surface, const Place& place) {
   const float length = lighting.mapped ? surface.mean_length : 1.0F;
   return HWY_NAMESPACE::lit_color<ArrayOps>(
       lighting, reflection, Eigen::Array3f(color), Eigen::Array3f(length * surface.normal),
