@@ -163,7 +163,13 @@ TEST(Render, OptionsWithoutEffectAreRefused) {
 
 TEST(Render, ReliefsOfSurfelsAndMeshLookAlike) {
   const Square& s = Square::get();
-  const Words relief{"--bump", "noise:3", "--bump-scale", "0.3"};
+  // A file, as procedural pictures have 2048 x 2048 texels.
+  const std::string noise = s.folder / "noise.exr";
+  ASSERT_EQ(run({tool("surfel-generate"), "plane", "--texture", "noise", "--frequency", "3",
+                 "--image", noise, "--size", "256", "--quiet"})
+                .exit_code,
+            0);
+  const Words relief{"--bump", noise, "--bump-scale", "1"};
   const std::string bent = s.folder / "bent.ply";
   Words command{tool("surfel-texture"), s.surfels, "-o", bent, "--quiet"};
   command.insert(command.end(), relief.begin(), relief.end());

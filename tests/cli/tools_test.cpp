@@ -443,15 +443,15 @@ TEST(Tools, InterruptedWorkLeavesNoTemporary) {
     for (const auto& entry : fs::directory_iterator(folder / "")) bytes += entry.file_size(gone);
     return bytes;
   };
-  // The signal comes as soon as the temporary is there, and when the first of three pieces of 140
-  // MB, and the second, are being written; only a whole file may be left.
-  for (const std::uintmax_t reached : {0, 1 << 20, 200 << 20}) {
+  // The signal comes as soon as the temporary is there, and when the first of two pieces of 140
+  // and 37 MB, and the second, are being written; only a whole file may be left.
+  for (const std::uintmax_t reached : {0, 1 << 20, 150 << 20}) {
     const RunSetup interrupt{
         .input = {}, .meanwhile = [&](pid_t process) {
           wait_until([&] { return !entries(folder / "").empty() && written() >= reached; });
           kill(process, SIGINT);
         }};
-    const RunResult result = run({tool("surfel-generate"), "terrain", "--count", "5000000",
+    const RunResult result = run({tool("surfel-generate"), "terrain", "--count", "2500000",
                                   "--quiet", "-o", folder / "out.ply"},
                                  interrupt);
     if (result.exit_code == 0) {
