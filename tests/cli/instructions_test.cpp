@@ -31,9 +31,10 @@ std::vector<Processor> processors() {
   for (const std::string& name : available_instructions()) {
     all.push_back({name, {std::string(kVariable) + "=" + name}});
   }
-  // The C library then takes its functions for processors without these instructions.
-  all.push_back({"plain C library",
-                 {"GLIBC_TUNABLES=glibc.cpu.hwcaps=-AVX2,-FMA,-FMA4,-AVX,-AVX512F,-AVX512VL"}});
+  // With the last, the C library takes its functions for processors without these instructions.
+  all.back().name += " and a plain C library";
+  all.back().environment.emplace_back(
+      "GLIBC_TUNABLES=glibc.cpu.hwcaps=-AVX2,-FMA,-FMA4,-AVX,-AVX512F,-AVX512VL");
   return all;
 }
 
@@ -136,7 +137,7 @@ std::map<std::string, std::string> results_on(const Processor& processor) {
 
 TEST(InstructionSets, GiveTheSameBytes) {
   const std::vector<Processor> all = processors();
-  ASSERT_GT(all.size(), 2U) << "no instruction set beyond the baseline";
+  ASSERT_GT(all.size(), 1U) << "no instruction set beyond the baseline";
   const std::map<std::string, std::string> expected = results_on(all.front());
   for (std::size_t i = 1; i < all.size(); ++i) {
     const std::map<std::string, std::string> results = results_on(all[i]);
