@@ -7,24 +7,17 @@
 #include <cstring>
 #include <map>
 #include <thread>
+#include <utility>
 
 #include <gtest/gtest.h>
 
 #include "support/run_tool.h"
+#include "support/sanitized.h"
 
 namespace surfel::test {
 namespace {
 
 namespace fs = std::filesystem;
-
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-constexpr bool kSanitized = true;
-#elif defined(__has_feature)
-constexpr bool kSanitized = __has_feature(address_sanitizer) || __has_feature(thread_sanitizer) ||
-                            __has_feature(memory_sanitizer);
-#else
-constexpr bool kSanitized = false;
-#endif
 
 struct Fault {
   const char* call;
@@ -97,15 +90,21 @@ class Faults : public testing::Test {
   }
 
   /// Lets each call in turn fail until the run makes no more of them.
-  void expect_sound(const std::string& command, const std::string& output, const Fault& fault) {
+  /// \param sparse  Where there are many calls: from one that fails to the next is a part of all
+  ///                that come before, 1 / sparse; 0: every call fails.
+  /// \return how many runs failed.
+  int expect_sound(const std::string& command, const std::string& output, const Fault& fault,
+                   int sparse = 0) {
     const std::string path = folder_ / output;
     fs::remove(path);
-    ASSERT_EQ(run_here(command).exit_code, 0) << command;
+    const RunResult sound = run_here(command);
+    EXPECT_EQ(sound.exit_code, 0) << command << sound.errors;
     const std::string right = read_text(path);
     const std::string seen = seen_ / "seen";
-    constexpr int kMostCalls = 100;
+    const int kMostCalls = sparse > 0 ? 100000 : 100;
+    int failed = 0;
     int number = 1;
-    for (; number < kMostCalls; ++number) {
+    for (; number < kMostCalls; number += 1 + (sparse > 0 ? number / sparse : 0)) {
       write_text(path, "old");
       const auto before = entries(folder_ / "");
       const RunResult result = run_here(command, Faults::fault(fault, number, seen));
@@ -121,10 +120,12 @@ class Faults : public testing::Test {
         EXPECT_EQ(read_text(path), right) << what;
         continue;
       }
+      ++failed;
       EXPECT_EQ(result.exit_code, 1) << what;
       EXPECT_EQ(read_text(path), "old") << what;
       EXPECT_TRUE(contains(result.errors, output) || contains(result.errors, "cloud.ply") ||
-                  contains(result.errors, "mesh.obj") || contains(result.errors, "a.png"))
+                  contains(result.errors, "points.ply") || contains(result.errors, "mesh.obj") ||
+                  contains(result.errors, "a.png"))
           << what;
     }
     EXPECT_LT(number, kMostCalls) << command;
@@ -132,6 +133,7 @@ class Faults : public testing::Test {
     const bool in_place =
         contains(command, "surfel-lod") && fault.call == std::string_view("write");
     EXPECT_TRUE(number > 1 || in_place || std::string_view(fault.call).starts_with("p")) << command;
+    return failed;
   }
 
   TemporaryFolder folder_;
@@ -159,6 +161,54 @@ TEST_F(Faults, EveryToolKeepsTheOlderOutput) {
       expect_sound(std::string(command) + " -o out.ply", "out.ply", fault);
     }
     expect_sound("surfel-compare a.png a.png -o out.png", "out.png", fault);
+  }
+}
+
+TEST_F(Faults, EveryCallMayFailWhileSidesWaitOnTheDisk) {
+  ASSERT_EQ(run_here("surfel-generate terrain --count 9000 --no-uv -o points.ply").exit_code, 0);
+  const std::string command = "surfel-estimate points.ply --threads 1 --memory 3M -o out.ply";
+  const std::string mst = command + " --orient mst";
+  for (const auto& [oriented, fault] : {std::pair{mst, Fault{"open", EMFILE}},
+                                        {mst, Fault{"write", ENOSPC}},
+                                        {mst, Fault{"write", 0}},
+                                        {mst, Fault{"pread", EIO}},
+                                        {command + " --orient outward", Fault{"write", ENOSPC}}}) {
+    constexpr int kSparse = 1;
+    const int failed = expect_sound(oriented, "out.ply", fault, kSparse);
+    EXPECT_EQ(failed > 0, fault.error != 0) << oriented << ' ' << fault.call << ' ' << fault.error;
+  }
+  // What is written first waits there.
+  const RunResult full = run_here(mst, fault({"write", ENOSPC}, 1, seen_ / "seen"));
+  EXPECT_TRUE(contains(full.errors, "(for out.ply)")) << full.errors;
+  EXPECT_TRUE(contains(full.errors, "make room")) << full.errors;
+}
+
+TEST_F(Faults, WorkIsTakenUpAfterCallsThatFailWhileSidesWaitOnTheDisk) {
+  ASSERT_EQ(run_here("surfel-generate terrain --count 9000 --no-uv -o points.ply").exit_code, 0);
+  const std::string command =
+      "surfel-estimate points.ply --threads 1 --memory 8M --orient winding --resume -o out.ply";
+  const std::string path = folder_ / "out.ply";
+  ASSERT_EQ(run_here(command).exit_code, 0);
+  const std::string right = read_text(path);
+  const auto whole = entries(folder_ / "");
+  for (const Fault& fault :
+       {Fault{"open", EMFILE}, Fault{"write", ENOSPC}, Fault{"pwrite", EIO}, Fault{"pread", EIO}}) {
+    int failed = 0;
+    for (int number = 1;; number *= 2) {
+      const RunResult result = run_here(command, Faults::fault(fault, number, seen_ / "seen"));
+      if (!fs::remove(seen_ / "seen")) break;
+      const std::string what = std::string(fault.call) + ": " + result.errors;
+      if (result.exit_code != 0) {
+        ++failed;
+        EXPECT_EQ(result.exit_code, 1) << what;
+        EXPECT_TRUE(contains(result.errors, "out.ply") || contains(result.errors, "points.ply"))
+            << what;
+        EXPECT_EQ(run_here(command).exit_code, 0) << what;
+      }
+      EXPECT_TRUE(read_text(path) == right) << what;
+      EXPECT_EQ(entries(folder_ / ""), whole) << what;
+    }
+    EXPECT_GT(failed, 0) << fault.call;
   }
 }
 

@@ -66,7 +66,10 @@ void write_on(std::size_t bytes, const std::string& name, const Write& write) {
     errno = 0;
     const ssize_t written = write(done);
     if (written < 0 && errno == EINTR) continue;
-    if (written <= 0) throw_io(name, "cannot be written: " + cause());
+    if (written <= 0) {
+      const bool full = errno == ENOSPC || errno == EDQUOT;
+      throw_io(name, "cannot be written: " + cause() + (full ? "; make room on its disk" : ""));
+    }
     done += static_cast<std::size_t>(written);
   }
 }

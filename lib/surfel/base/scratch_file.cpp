@@ -48,8 +48,8 @@ ScratchFile::ScratchFile(const std::string& beside, const std::string& name)
   descriptor_ = name.empty() ? open_nameless(folder_)
                              : open(name.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0600);
   if (descriptor_ < 0) {
-    throw_io(beside_,
-             "nothing can be written to its folder " + folder_ + ": " + std::strerror(errno));
+    throw_io(beside_, "nothing can be written to its folder " + folder_ + ": " +
+                          std::strerror(errno) + "; write the result to another folder");
   }
 }
 
@@ -89,7 +89,8 @@ void ScratchFile::read_at(std::uint64_t offset, void* to, std::size_t bytes) con
     if (got < 0 && errno == EINTR) continue;
     if (got <= 0) {
       throw_io(beside_, std::string("what was written beside it cannot be read: ") +
-                            (got == 0 ? "it ends too early" : std::strerror(errno)));
+                            (got == 0 ? "it ends too early" : std::strerror(errno)) +
+                            "; run it again, with the result on another disk if need be");
     }
     out += got;
     offset += static_cast<std::uint64_t>(got);
