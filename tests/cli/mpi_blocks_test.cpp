@@ -132,7 +132,8 @@ TEST_F(MpiBlocks, WhatOneProcessCanDoAloneIsRefused) {
   };
   expect_refused("surfel-estimate", {"--orient", "up", "-o", folder_ / "out.xyz"},
                  "several processes write PLY alone");
-  expect_refused("surfel-group", {"--resume", "-o", out_}, "--resume is for one process");
+  expect_refused("surfel-convert", {"--sort", "curve", "--resume", "-o", out_},
+                 "--resume is for one process");
 }
 
 TEST_F(MpiBlocks, AProcessThatFailsEndsTheRunAndOlderFilesStay) {

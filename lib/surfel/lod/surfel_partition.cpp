@@ -19,15 +19,16 @@ constexpr float kConflictReach = 3;
 std::pair<Vec3f, float> principal_direction(const Eigen::Matrix3f& covariance) {
   const float trace = covariance.trace();
   if (!(trace > 0)) return {Vec3f(0, 0, 0), 0.0F};
-  // The longest column of the square points nearly along it. Where no direction is much longer than
-  // the others it lies nearer to an axis of space than the eigenvector does, so that groups side by
-  // side are cut alike: pieces get rounder than by eigenvectors.
+  // The longest column of the fourth power points nearly along it. Where no direction is much
+  // longer than the others it lies nearer to an axis of space than the eigenvector does, so that
+  // groups side by side are cut alike.
   const Eigen::Matrix3f scaled = covariance / trace;
   const Eigen::Matrix3f square = scaled.lazyProduct(scaled);
+  const Eigen::Matrix3f power = square.lazyProduct(square);
   Eigen::Index longest = 0;
-  const float length2 = square.colwise().squaredNorm().maxCoeff(&longest);
+  const float length2 = power.colwise().squaredNorm().maxCoeff(&longest);
   if (!(length2 > 0)) return {Vec3f(0, 0, 0), 0.0F};
-  const Vec3f direction = square.col(longest) / std::sqrt(length2);
+  const Vec3f direction = power.col(longest) / std::sqrt(length2);
   return {direction, (covariance * direction).norm()};
 }
 
