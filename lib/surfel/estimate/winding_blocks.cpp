@@ -28,8 +28,9 @@ struct BlockNormals {
 
   Bytes bytes() const {
     Bytes out(2 * position.size() * sizeof(Vec3f));
-    std::memcpy(out.data(), position.data(), out.size() / 2);
-    std::memcpy(out.data() + out.size() / 2, normal.data(), out.size() / 2);
+    const std::size_t half = out.size() / 2;
+    std::memcpy(out.data(), static_cast<const void*>(position.data()), half);
+    std::memcpy(out.data() + half, static_cast<const void*>(normal.data()), half);
     return out;
   }
   static BlockNormals of(const Bytes& bytes) {
