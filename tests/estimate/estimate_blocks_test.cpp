@@ -424,15 +424,20 @@ class FileSink final : public SurfelSink {
   RowFile& file_;
 };
 
-TEST(EstimateBlocks, FinishedBlocksAreKeptForALaterRun) {
-  const TemporaryFolder folder;
-  const std::string path = folder / "surfels.ply";
-  // Ellipses are guessed wrongly, so that all blocks are made twice.
+/// Points whose blocks are made twice, as probes guess wrongly whether ellipses are worth it.
+SurfelCloud wrongly_guessed_plane() {
   SurfelCloud cloud = sorted_points("plane", 16 * 1024);
   for (std::size_t i = 0; i < cloud.size(); ++i) {
     Vec3f& p = cloud.position[i];
     if (i / 512 % 2 == 1) p.y() = std::round(p.y() * 20) / 20;
   }
+  return cloud;
+}
+
+TEST(EstimateBlocks, FinishedBlocksAreKeptForALaterRun) {
+  const TemporaryFolder folder;
+  const std::string path = folder / "surfels.ply";
+  const SurfelCloud cloud = wrongly_guessed_plane();
   EstimateReport whole;
   write_cloud(estimate_surfels(cloud, up(), &whole), folder / "whole.ply");
   int made = 0;
@@ -461,12 +466,7 @@ TEST(EstimateBlocks, FinishedBlocksAreKeptForALaterRun) {
 TEST(EstimateBlocks, WhatPeersHaveMadeIsKeptForAnyNumberOfThem) {
   const TemporaryFolder folder;
   const std::string path = folder / "surfels.ply";
-  // Ellipses are guessed wrongly, so that all blocks are made twice.
-  SurfelCloud cloud = sorted_points("plane", 16 * 1024);
-  for (std::size_t i = 0; i < cloud.size(); ++i) {
-    Vec3f& p = cloud.position[i];
-    if (i / 512 % 2 == 1) p.y() = std::round(p.y() * 20) / 20;
-  }
+  const SurfelCloud cloud = wrongly_guessed_plane();
   EstimateReport whole;
   write_cloud(estimate_surfels(cloud, up(), &whole), folder / "whole.ply");
   int made = 0;

@@ -102,7 +102,7 @@ class Srgb16Encoder {
  private:
   static double exact(double linear) { return encode(linear) * 65535; }
 
-  static constexpr double kError = 1e-4;  ///< Four times the largest error, in 16-bit steps.
+  static constexpr double kError = 1e-4;  ///< Six times the largest error, in 16-bit steps.
   static constexpr int kShift = 18;       ///< Leaves sign, exponent and 5 bits of the mantissa.
   /// From 2^-8, which is above the linear part of the curve, to 1.
   static constexpr std::uint32_t kFirst = std::bit_cast<std::uint32_t>(0x1p-8F) >> kShift;

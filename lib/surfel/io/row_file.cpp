@@ -62,8 +62,8 @@ std::optional<Entry> entry_of(const std::string& entry) {
 
 constexpr const char* kListSuffix = "-parts";
 
-/// The lists of parts that runs of one or several processes have left: this one, and with a number
-/// behind its name those of other processes than the first, in their order.
+/// The lists of parts that runs of one or several processes have left: the first process's, and the
+/// lists of the other processes, which have a number behind its name, in the order of the numbers.
 std::vector<std::string> lists_beside(const std::string& list) {
   namespace fs = std::filesystem;
   std::vector<std::string> found;
