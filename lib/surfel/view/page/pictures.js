@@ -379,37 +379,23 @@ void main() {
 }
 `;
 
-/** Sums over their mean, filtered along rows: EdgeCoverage of surfel-render. */
-export const kSumsFragment = `${kHead}
-uniform sampler2D u_sums;
+/** A picture of sums over their mean, filtered along an axis: EdgeCoverage of surfel-render. */
+const smoothed = (sums, step) => `${kHead}
+uniform sampler2D ${sums};
 uniform vec3 u_taps;
 uniform ivec2 u_last;
 layout(location = 0) out float smooth_sum;
-float sum_at(int x) {
-  return texelFetch(u_sums, ivec2(clamp(x, 0, u_last.x), int(gl_FragCoord.y)), 0).x;
+float sum_at(int offset) {
+  ivec2 at = ivec2(gl_FragCoord.xy) + offset * ${step};
+  return texelFetch(${sums}, clamp(at, ivec2(0), u_last), 0).x;
 }
 void main() {
-  int x = int(gl_FragCoord.x);
-  smooth_sum = u_taps.x * sum_at(x) + u_taps.y * (sum_at(x - 1) + sum_at(x + 1)) +
-               u_taps.z * (sum_at(x - 2) + sum_at(x + 2));
+  smooth_sum = u_taps.x * sum_at(0) + u_taps.y * (sum_at(-1) + sum_at(1)) +
+               u_taps.z * (sum_at(-2) + sum_at(2));
 }
 `;
-
-/** The same along columns. */
-export const kColumnsFragment = `${kHead}
-uniform sampler2D u_rows;
-uniform vec3 u_taps;
-uniform ivec2 u_last;
-layout(location = 0) out float smooth_sum;
-float sum_at(int y) {
-  return texelFetch(u_rows, ivec2(int(gl_FragCoord.x), clamp(y, 0, u_last.y)), 0).x;
-}
-void main() {
-  int y = int(gl_FragCoord.y);
-  smooth_sum = u_taps.x * sum_at(y) + u_taps.y * (sum_at(y - 1) + sum_at(y + 1)) +
-               u_taps.z * (sum_at(y - 2) + sum_at(y + 2));
-}
-`;
+export const kSumsFragment = smoothed('u_sums', 'ivec2(1, 0)');
+export const kColumnsFragment = smoothed('u_rows', 'ivec2(0, 1)');
 
 /** The least filtered sum along rows. */
 export const kLeastFragment = `${kHead}
