@@ -9,7 +9,7 @@
 
 #include <surfel/base/export.h>
 #include <surfel/base/function_ref.h>
-#include <surfel/io/cloud_survey.h>
+#include <surfel/io/cloud_writer.h>
 #include <surfel/io/input_file.h>
 #include <surfel/io/ply.h>
 #include <surfel/scene/surfel_cloud.h>
@@ -80,58 +80,6 @@ class SURFEL_API CloudReader {
   std::uint64_t size() const;
   /// Is a file read piece by piece, and not held in memory? Throws Error(kIo).
   static bool reads_pieces(const std::string& path);
-
- private:
-  struct Impl;
-  std::unique_ptr<Impl> impl_;
-};
-
-/// Sorts a header's comments into the fields of the cloud: values that apply to the whole cloud,
-/// provenance, and all other comments. `file` is its name, for messages.
-SURFEL_API void read_comments(const std::vector<std::string>& comments, const std::string& file,
-                              SurfelCloud& cloud);
-
-/// How a file of surfels is written.
-struct CloudWriteOptions {
-  bool no_clobber = false;
-  bool ascii = false;  ///< PLY ascii instead of binary little-endian.
-};
-
-/// Writes binary little-endian PLY or, by the name's extension, binary PCD (.pcd), LAS (.las), LAZ
-/// (.laz), text (.xyz, .txt, .asc: blanks between the columns, which a comment names, in .xyz only
-/// where other programs would not know them; .csv: commas, and a first line of names) or the
-/// vertices of OBJ (.obj); "-" is standard output, as PLY. The file appears whole or not at all
-/// (OutputFile). Text has the columns of PLY, OBJ has positions, normals and colours alone
-/// (columns_left_out()). `radius` is written beside every variance, for other viewers. Levels of
-/// detail are written to PLY only, with their tree in an element of its own (tree_records.h). LAS
-/// gets the steps of SurfelCloud::las, and columns that it has no field for as extra bytes. Throws
-/// Error(kIo), and Error(kUsage) for levels of detail in other formats.
-SURFEL_API void write_cloud(const SurfelCloud& cloud, const std::string& path,
-                            const CloudWriteOptions& options = {});
-
-/// The columns of a cloud that a file of that name has no place for.
-SURFEL_API std::vector<std::string> columns_left_out(const SurfelCloud& cloud,
-                                                     const std::string& path);
-
-/// Writes a cloud that need not be in memory at once, as write_cloud() would.
-class SURFEL_API CloudWriter {
- public:
-  /// Opens a file that will hold `count` surfels. Throws Error(kUsage) for LAS and LAZ, whose
-  /// header and fields depend on all points.
-  CloudWriter(std::string path, std::size_t count, const CloudWriteOptions& options = {});
-  /// Opens a file of any format.
-  /// \param survey  of all pieces that will be written
-  CloudWriter(std::string path, CloudSurvey survey, const CloudWriteOptions& options = {});
-  ~CloudWriter();
-  CloudWriter(const CloudWriter&) = delete;
-  CloudWriter& operator=(const CloudWriter&) = delete;
-
-  /// Writes the next surfels. The first piece decides on the columns and comments of the file.
-  /// Throws Error(kInput) if a later piece has other columns or positions that need another type,
-  /// or if a cloud with levels of detail is written in more than one piece.
-  void append(const SurfelCloud& piece);
-  /// Completes the file. Throws Error(kInput) unless `count` surfels were written.
-  void commit();
 
  private:
   struct Impl;

@@ -3,6 +3,7 @@
 #include <memory>
 
 #include <surfel/base/error.h>
+#include <surfel/io/cloud_comments.h>
 #include <surfel/io/cloud_from_records.h>
 #include <surfel/io/copc.h>
 #include <surfel/io/las.h>

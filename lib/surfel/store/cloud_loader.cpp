@@ -7,6 +7,7 @@
 #include <surfel/base/error.h>
 #include <surfel/base/memory.h>
 #include <surfel/base/option_check.h>
+#include <surfel/io/cloud_comments.h>
 #include <surfel/io/cloud_io.h>
 #include <surfel/io/cloud_ranges.h>
 #include <surfel/io/input_file.h>
