@@ -116,9 +116,16 @@ COMPONENTS library)
 install(FILES README.md CHANGELOG.md DESTINATION ${CMAKE_INSTALL_DOCDIR} COMPONENT documents EXCLUDE_FROM_ALL)
 install(DIRECTORY docs examples samples configs DESTINATION ${CMAKE_INSTALL_DOCDIR} COMPONENT documents EXCLUDE_FROM_ALL
         PATTERN demo.sh EXCLUDE PATTERN reproduce.sh EXCLUDE)
+# Pages of the site, where it was built, stand beside the documents that they are made of, and show the same pictures. Debian
+# has one copy of a licence.
+install(DIRECTORY ${PROJECT_BINARY_DIR}/site/ DESTINATION ${CMAKE_INSTALL_DOCDIR} COMPONENT documents EXCLUDE_FROM_ALL OPTIONAL
+        PATTERN LICENSE EXCLUDE)
+file(CREATE_LINK ../surfelkit-doc/copyright ${PROJECT_BINARY_DIR}/LICENSE SYMBOLIC)
+install(FILES ${PROJECT_BINARY_DIR}/LICENSE DESTINATION ${CMAKE_INSTALL_DOCDIR} COMPONENT documents EXCLUDE_FROM_ALL)
 surfel_package(documents surfelkit-doc doc "surfel splatting, documents"
-"This package holds the pages about the tools and the library, programs that
-use it, and the samples that the commands of the pages work on.")
+"This package holds the pages about the tools and the library, for browsers and
+as texts, programs that use it, and the samples that the commands of the pages
+work on.")
 set(CPACK_DEBIAN_DOCUMENTS_PACKAGE_ARCHITECTURE all)
 set(CPACK_DEBIAN_DOCUMENTS_PACKAGE_SHLIBDEPS OFF)
 

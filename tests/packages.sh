@@ -50,6 +50,61 @@ check_bytes() {
   say "packed twice, with the same bytes"
 }
 
+# The pages of the site link to nothing that the package lacks.
+check_site() {
+  local folder=$work/files/usr/share/doc/surfelkit
+  if [ -f "$folder/index.html" ]; then
+    quietly python3 "$surfel_root/cmake/documents/site.py" check "$surfel_root" "$folder"
+    say "the pages are complete"
+  else
+    [ "$build" != "$surfel_root/build/package" ] || fail "surfelkit-doc lacks the pages"
+  fi
+}
+
+# What the preset `package` asks compiler and linker for. The protector of stacks is in every file; calls of functions that
+# can be fortified are not.
+check_hardening() {
+  if ! grep -q '^CMAKE_CXX_FLAGS:.*-fstack-protector' "$build/CMakeCache.txt"; then return 0; fi
+  local file files wanted count=0 fortified=0
+  files=$(LC_ALL=C grep -rlaP '\A\x7fELF' "$work/files")
+  while read -r file; do
+    readelf --wide --file-header --program-headers --dynamic --dyn-syms "$file" >"$work/elf"
+    for wanted in 'Type: *DYN ' 'GNU_RELRO' 'FLAGS_1.* NOW' '__stack_chk_fail@'; do
+      grep -q "$wanted" "$work/elf" || fail "${file#"$work"/files} is not hardened: it lacks $wanted"
+    done
+    if [[ $file == */bin/* ]]; then grep -q 'FLAGS_1.* PIE' "$work/elf" || fail "${file#"$work"/files} is not position-independent"; fi
+    count=$((count + 1))
+    if grep -q '__[a-z]*_chk@' "$work/elf"; then fortified=$((fortified + 1)); fi
+  done <<<"$files"
+  if [ "$fortified" -eq 0 ]; then fail "no file calls fortified functions"; fi
+  say "$count programs and libraries are hardened, $fortified of them call fortified functions"
+}
+
+# results FOLDER PROGRAM-FOLDER: surfels and pictures by the programs, in FOLDER.
+results() {
+  mkdir "$1"
+  (
+    cd "$1"
+    PATH=$2:$PATH
+    surfel-estimate "$surfel_root/samples/milk.ply" -o milk.ply
+    surfel-render milk.ply -o milk.png --size 256x256
+    surfel-from-mesh "$surfel_root/samples/spot.obj" --spacing 0.02 -o sampled.ply
+    surfel-texture sampled.ply --mesh "$surfel_root/samples/spot.obj" --image "$surfel_root/samples/spot.png" --fit gram -o spot.ply
+    surfel-render spot.ply -o spot.exr --size 256x256
+  ) >"$work/log" 2>&1 || { cat "$work/log"; fail "the programs in $2 failed"; }
+}
+
+# Hardening changes no results: what the programs of the packages make has the bytes that the programs of build/ci make,
+# where these are there; they have to be of the same sources.
+check_results() {
+  local programs=$surfel_root/build/ci/bin
+  if [ "$build" = "$surfel_root/build/ci" ] || [ ! -x "$programs/surfel-texture" ]; then return 0; fi
+  results "$work/ci" "$programs"
+  LD_LIBRARY_PATH=$(dirname "$(find "$work/files" -name libsurfel.so.0)") results "$work/packaged" "$work/files/usr/bin"
+  diff -r "$work/ci" "$work/packaged" || fail "the packages make other bytes than build/ci"
+  say "the programs make the same bytes as those of build/ci"
+}
+
 # make_root NAME: the folder $work/NAME is a clean Debian, of this machine's release and from where apt gets its packages.
 make_root() {
   local kept=${TMPDIR:-/tmp}/surfelkit-$UID-debian.tar root=$work/$1 sources codename
@@ -172,6 +227,9 @@ work_with_the_library() {
 }
 
 check_bytes
+check_hardening
+check_results
+check_site
 lintian --allow-root --fail-on error,warning --tag-display-limit 0 "$work"/packages/*.deb
 say "lintian finds nothing"
 make_root root

@@ -16,6 +16,8 @@ surfel_plugin_packages=(
 )
 # The Python module.
 surfel_python_packages=(pybind11-dev python3-dev)
+# The site of the documents, and the reference of the headers.
+surfel_documents_packages=(doxygen mkdocs python3)
 # What CPack makes packages with (packaging/build.sh), and what they are checked with (tests/packages.sh).
 surfel_packaging_packages=(dpkg-dev file)
 surfel_packages_check_packages=(debootstrap lintian)
@@ -35,8 +37,7 @@ surfel_packages=(
   chromium
   # Tests of the scripts for clusters.
   munge parallel slurm-wlm
-  # The site of the documents, and the reference of the headers.
-  doxygen mkdocs python3
+  "${surfel_documents_packages[@]}"
   # The benchmarks, which CI builds.
   libbenchmark-dev
   # The sanitizers.
