@@ -122,7 +122,8 @@ std::string leaves() {
 TEST_F(Browser, TellsSurfacesApartAsSurfelRenderDoes) {
   const std::string bush = folder_ / "bush.ply";
   write_text(bush, leaves());
-  EXPECT_GT(psnr(bush, "lit=0&mode=normal"), 33);
+  EXPECT_GT(psnr(bush, "lit=0&mode=normal"), 35);
+  EXPECT_GT(psnr(bush, "lit=1"), 35);
 }
 
 TEST_F(Browser, ChoosesTheLevelsThatSurfelRenderChooses) {

@@ -227,8 +227,28 @@ void look_around(inout Layer l, bool may_end, bool may_be_far) {
   }
 }
 
+// Pixels that PlainPixels resolves, which takes no back for the far side of a body.
+bool is_plain() {
+  float total = 0.0;
+  for (int i = 0; i < count; ++i) total += layers[i].weight;
+  bool loose_back = false;
+  bool rim = false;
+  for (int i = 0; i < count; ++i) {
+    Layer l = layers[i];
+    bool part = l.weight < u_full;
+    bool grazing = (l.flags & 4) != 0;
+    bool loose = part || grazing;
+    if (is_filtered(l) && (l.weight < u_edge_weight || (total < 1.35 * u_mean && l.weight < u_mean))) return false;
+    if (is_front(l) ? loose_back && loose : l.weight < u_edge_weight || (grazing && (!part || rim))) return false;
+    if (!part) return true;
+    loose_back = !is_front(l) && loose;
+    rim = is_front(l) && part && grazing;
+  }
+  return true;
+}
+
 void find_edges() {
-  bool hidden = false;
+  bool hidden = u_opaque && count > 1 && is_plain();
   for (int i = 0; i < count; ++i) {
     Layer l = layers[i];
     // Opacities of single opaque surfaces are found later.

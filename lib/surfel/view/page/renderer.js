@@ -13,8 +13,8 @@ const kListWidth = 2048;
 /** Pixels along a side of a tile; kTilesFragment has it, too. */
 const kTile = 8;
 
-/** Layers whose mean depths are found. */
-const kMeans = 2;
+/** Layers whose mean depths are found: the fourth one takes what is left, whatever its depth is. */
+const kMeans = 3;
 
 /** Pixels of which four layers take half a gigabyte. */
 const kManyPixels = 3e6;
