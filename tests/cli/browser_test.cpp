@@ -140,10 +140,10 @@ TEST_F(Browser, EndsSurfelsAtLinesAsSurfelRenderDoes) {
                    "--quiet", "-o", box})
                   .exit_code,
               0);
-    EXPECT_GT(psnr(box, "lit=0&mode=normal"), 35) << spacing;
-    EXPECT_GT(psnr(box, "lit=1"), 35) << spacing;
-    EXPECT_GT(psnr(box, "lit=1&ortho=1&camera=3,2,4,0,0,0,0,0,1,40,3.5"), 35) << spacing;
-    EXPECT_GT(psnr(box, "lit=1&camera=0.6,0.4,1.5,-1,-1,0,0,0,1,40"), 35) << spacing;
+    EXPECT_GT(psnr(box, "lit=0&mode=normal"), 45) << spacing;
+    EXPECT_GT(psnr(box, "lit=1"), 45) << spacing;
+    EXPECT_GT(psnr(box, "lit=1&ortho=1&camera=3,2,4,0,0,0,0,0,1,40,3.5"), 45) << spacing;
+    EXPECT_GT(psnr(box, "lit=1&camera=0.6,0.4,1.5,-1,-1,0,0,0,1,40"), 45) << spacing;
   }
 }
 
