@@ -74,12 +74,8 @@ surfel::Volume read(const Settings& s) {
 /// The transfer function that a name, a file or the values ask for, and what it is called.
 std::pair<surfel::TransferFunction, std::string> choose_transfer(const Settings& s,
                                                                  const surfel::Volume& volume) {
-  constexpr float kLikelyAir = -500;
-  std::string name = s.transfer;
-  if (name.empty()) {
-    const float least = *std::min_element(volume.value.begin(), volume.value.end());
-    name = least < kLikelyAir ? "ct" : "mr";
-  }
+  const std::string name =
+      s.transfer.empty() ? surfel::likely_transfer_function(volume) : s.transfer;
   const bool file = std::filesystem::path(name).extension() == ".toml";
   const surfel::TransferFunction function =
       file ? surfel::read_transfer_function(name) : surfel::transfer_function(name);

@@ -82,6 +82,12 @@ Json describe(const std::optional<surfel::Coverage>& c) {
           {"cell_area_mean", c->cell_area_mean}};
 }
 
+/// Sampled surfels by the number of others within their radius.
+Json describe(const std::optional<surfel::NeighborCounts>& n) {
+  if (!n) return nullptr;
+  return {{"samples", n->samples()}, {"none_to_24_and_more", n->surfels}};
+}
+
 Json describe(const surfel::ViewGuess& view) {
   return {{"up", describe(view.up)}, {"front", describe(view.front)}, {"reason", view.reason}};
 }
@@ -179,6 +185,7 @@ Json describe_cloud(const std::string& file, const Settings& settings) {
   out["coincident_share"] = s.coincident_share;
   out["cutoff"] = settings.statistics.cutoff;
   out["radius"] = describe(s.radius);
+  out["neighbors"] = describe(s.neighbors);
   out["coverage"] = describe(s.coverage);
   out["nonfinite_positions"] = s.nonfinite_positions;
   out["nonfinite_normals"] = s.nonfinite_normals;
@@ -472,6 +479,29 @@ std::vector<std::pair<std::string, std::string>> main_figures(const Json& descri
   return out;
 }
 
+/// How many others lie within a surfel's radius, which tells whether discs overlap enough.
+surfel::InfoChart neighbor_chart(const Json& neighbors, const Json& description) {
+  const std::vector<std::size_t> counts = neighbors["none_to_24_and_more"];
+  surfel::Histogram histogram;
+  for (std::size_t i = 0; i <= counts.size(); ++i) {
+    histogram.edges.push_back(static_cast<double>(i));
+  }
+  histogram.counts = counts;
+  const std::size_t samples = neighbors["samples"];
+  std::size_t median = 0;
+  for (std::size_t below = counts[0]; 2 * below < samples; below += counts[median]) ++median;
+  const bool all = samples == description["count"].get<std::size_t>();
+  const std::string sample =
+      all ? "of all surfels"
+          : fmt::format("of {} surfels, spread evenly over {}, each among all", samples,
+                        description["count"].get<std::size_t>());
+  return {fmt::format("other surfels within the radius at cutoff {:g}",
+                      description["cutoff"].get<double>()),
+          fmt::format("median {}, none around {}; {}; {} stands for more, too", median, counts[0],
+                      sample, surfel::NeighborCounts::kMost),
+          surfel::histogram_svg(histogram)};
+}
+
 /// Charts of histograms that the description has, and of the values of surfels and pictures.
 std::vector<surfel::InfoChart> charts_of(const std::string& file, const Json& description,
                                          const Settings& s) {
@@ -487,14 +517,19 @@ std::vector<surfel::InfoChart> charts_of(const std::string& file, const Json& de
     charts.insert(charts.end(), more.begin(), more.end());
   }
   if (kind != "surfels") return charts;
+  const Json& neighbors = description["neighbors"];
+  if (!neighbors.is_null()) charts.push_back(neighbor_chart(neighbors, description));
   surfel::CloudReadOptions some = s.part.options();
   const std::uint64_t count = description["count"].get<std::uint64_t>();
   const std::uint64_t every =
       std::max<std::uint64_t>(1, (count + surfel::kChartSurfels - 1) / surfel::kChartSurfels);
   some.every *= every;
   const auto up = description["view"]["up"].get<std::array<double, 3>>();
-  return surfel::cloud_charts(surfel::read_cloud(file, some), {up[0], up[1], up[2]},
-                              every > 1 ? fmt::format("of one in {} surfels", some.every) : "");
+  const auto more =
+      surfel::cloud_charts(surfel::read_cloud(file, some), {up[0], up[1], up[2]},
+                           every > 1 ? fmt::format("of one in {} surfels", some.every) : "");
+  charts.insert(charts.end(), more.begin(), more.end());
+  return charts;
 }
 
 /// The page of a file that has been described.

@@ -276,8 +276,9 @@ std::vector<std::string> draw(surfel::tool::Tool& tool, const Settings& s, Subje
     frames[i] = to_json(frame);
     if (step + 1 == steps.size()) {
       for (const surfel::PixelExplanation& pixel : pixels_of(s, subject, scene, view.camera)) {
-        frames[i]["pixels"].push_back(to_json(pixel));
-        explanations += to_text(pixel, shot.file);
+        const surfel::Legend* stands_for = subject.legend ? &*subject.legend : nullptr;
+        frames[i]["pixels"].push_back(to_json(pixel, stands_for));
+        explanations += to_text(pixel, shot.file, stands_for);
       }
     }
     // Only the first step must find no file: the others find its.

@@ -122,7 +122,29 @@ std::string leaves() {
 TEST_F(Browser, TellsSurfacesApartAsSurfelRenderDoes) {
   const std::string bush = folder_ / "bush.ply";
   write_text(bush, leaves());
-  EXPECT_GT(psnr(bush, "lit=0&mode=normal"), 33);
+  EXPECT_GT(psnr(bush, "lit=0&mode=normal"), 35);
+  EXPECT_GT(psnr(bush, "lit=1"), 35);
+}
+
+/// A box without a lid, its walls of unlike heights.
+constexpr const char* kBox =
+    "v -1 -1 -1\nv 1 -1 -1\nv 1 1 -1\nv -1 1 -1\nv -1 -1 1\nv 1 -1 0.6\nv 1 1 0.9\nv -1 1 1.2\n"
+    "f 4 3 2 1\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf 4 1 5 8\n";
+
+TEST_F(Browser, EndsSurfelsAtLinesAsSurfelRenderDoes) {
+  write_text(folder_ / "box.obj", kBox);
+  const std::string box = folder_ / "box.ply";
+  // The discs of the second are larger than the pixel filter.
+  for (const char* spacing : {"0.04", "0.2"}) {
+    ASSERT_EQ(run({tool("surfel-from-mesh"), folder_ / "box.obj", "--clip", "--spacing", spacing,
+                   "--quiet", "-o", box})
+                  .exit_code,
+              0);
+    EXPECT_GT(psnr(box, "lit=0&mode=normal"), 45) << spacing;
+    EXPECT_GT(psnr(box, "lit=1"), 45) << spacing;
+    EXPECT_GT(psnr(box, "lit=1&ortho=1&camera=3,2,4,0,0,0,0,0,1,40,3.5"), 45) << spacing;
+    EXPECT_GT(psnr(box, "lit=1&camera=0.6,0.4,1.5,-1,-1,0,0,0,1,40"), 45) << spacing;
+  }
 }
 
 TEST_F(Browser, ChoosesTheLevelsThatSurfelRenderChooses) {

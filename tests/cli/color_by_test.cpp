@@ -5,6 +5,7 @@
 #include <filesystem>
 
 #include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
 #include <surfel/base/color.h>
 #include <surfel/base/morton.h>
 #include <surfel/io/cloud_io.h>
@@ -164,6 +165,26 @@ TEST_F(ColorBy, TheLegendComesWhereThereIsRoom) {
   EXPECT_NE(picture("256", "auto"), picture("256", "off"));
   EXPECT_EQ(picture("256", "auto"), picture("256", "on"));
   EXPECT_EQ(picture("255", "auto"), picture("255", "off"));
+}
+
+TEST_F(ColorBy, AnExplainedPixelHasTheLegendsValue) {
+  const auto explained = [&](Words words) {
+    words.insert(words.end(), {"--size", "64", "--from", "0,0,1", "--explain-pixel", "32,24",
+                               "--stats", folder_ / "stats.json"});
+    const RunResult result = render(words);
+    EXPECT_EQ(result.exit_code, 0) << result.errors;
+    EXPECT_TRUE(contains(result.output, "by the legend: ")) << result.output;
+    return nlohmann::json::parse(read_text(folder_ / "stats.json"))["frames"][0]["pixels"][0];
+  };
+  const nlohmann::json heat = explained({"--color-by", "heat", "--color-range", "0,10"});
+  EXPECT_EQ(heat["legend"]["title"], "heat");
+  EXPECT_NEAR(heat["legend"]["value"].get<double>(), 7.5, 0.01);
+  EXPECT_NEAR(heat["splats"][0]["value"].get<double>(), 7.5, 0.01);
+  const nlohmann::json kind = explained({"--color-by", "classification"});
+  EXPECT_NEAR(kind["legend"]["value"]["6 building"].get<double>(), 1, 1e-3);
+  EXPECT_EQ(kind["splats"][0]["value"], "6 building");
+  Words plain{"--color-by", "none", "--size", "64", "--explain-pixel", "32,24"};
+  EXPECT_FALSE(contains(render(plain).output, "by the legend"));
 }
 
 TEST_F(ColorBy, AColumnThatOneFileLacksIsRefused) {

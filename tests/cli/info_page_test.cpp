@@ -43,7 +43,8 @@ class InfoPages : public testing::Test {
 TEST_F(InfoPages, HavePicturesHistogramsAndAdvice) {
   const std::string surfels = page_of(surfels_);
   for (const char* part : {"What is wrong, and what to do", "radius of the disc at cutoff 1",
-                           "elevation", "&lt;i&gt;&amp;&#39;.ply", "image/png", "coverage"}) {
+                           "elevation", "other surfels within the radius", "of all surfels",
+                           "&lt;i&gt;&amp;&#39;.ply", "image/png", "coverage"}) {
     EXPECT_TRUE(contains(surfels, part)) << part;
   }
   EXPECT_FALSE(contains(surfels, "<i>&'"));

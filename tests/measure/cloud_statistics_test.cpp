@@ -59,6 +59,21 @@ TEST(CloudStatistics, SpacingOfAGridIsItsPitch) {
   }
 }
 
+TEST(CloudStatistics, NeighborsOfAGridAreCounted) {
+  // Four are as far away as a square's side, four more as its diagonal.
+  for (const auto& [reach, inside] :
+       {std::pair{0.9F, 0U}, {1.2F, 4U}, {1.6F, 8U}, {2.3F, 20U}, {9.0F, 24U}}) {
+    const CloudStatistics s = cloud_statistics(grid(40, 1, reach * reach / 2));
+    ASSERT_TRUE(s.neighbors);
+    EXPECT_EQ(s.neighbors->samples(), 1600U);
+    EXPECT_GT(s.neighbors->surfels[inside], 1200U) << reach;
+  }
+  EXPECT_EQ(cloud_statistics(grid(40, 1, 1), {.samples = 100}).neighbors->samples(), 100U);
+  SurfelCloud bare = grid(10, 1, 1);
+  bare.variance.clear();
+  EXPECT_FALSE(cloud_statistics(bare).neighbors);
+}
+
 TEST(CloudStatistics, CellsOfAGridAreItsSquares) {
   const CloudStatistics s = cloud_statistics(grid(40, 0.5F, 0.25F));
   ASSERT_TRUE(s.coverage);

@@ -105,6 +105,9 @@ std::vector<double> figures_of(const CloudSummary& summary) {
   out.insert(out.end(), s.bounds.max.begin(), s.bounds.max.end());
   add(out, s.spacing);
   add(out, s.radius);
+  if (s.neighbors) {
+    out.insert(out.end(), s.neighbors->surfels.begin(), s.neighbors->surfels.end());
+  }
   out.push_back(s.coincident_share);
   out.push_back(s.coverage ? 1 : 0);
   if (s.coverage) {

@@ -1,3 +1,6 @@
+#include <algorithm>
+#include <cstddef>
+#include <fstream>
 #include <string>
 
 #include <gtest/gtest.h>
@@ -51,6 +54,35 @@ TEST(Previews, OfAPictureIsThePicture) {
   const auto previews = preview_pictures(folder / "white.png");
   ASSERT_EQ(previews.size(), 1U);
   EXPECT_EQ(previews.front().image.width, 5);
+}
+
+TEST(Previews, ShowVolumes) {
+  const TemporaryFolder folder;
+  std::string file =
+      "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 16 16 16\nspacings: 1 1 1\n"
+      "encoding: raw\n\n";
+  for (int z = 0; z < 16; ++z) {
+    for (int y = 0; y < 16; ++y) {
+      for (int x = 0; x < 16; ++x) {
+        const double r2 = (x - 7.5) * (x - 7.5) + (y - 7.5) * (y - 7.5) + (z - 7.5) * (z - 7.5);
+        file += r2 < 36 ? '\xc8' : '\0';
+      }
+    }
+  }
+  std::ofstream(folder / "ball.nrrd", std::ios::binary) << file;
+  for (const std::size_t most : {std::size_t{4096}, std::size_t{1000}}) {
+    const auto previews = preview_pictures(folder / "ball.nrrd", {.size = 48, .most_voxels = most});
+    ASSERT_EQ(previews.size(), 4U);
+    for (const Preview& preview : previews) {
+      float most_alpha = 0;
+      for (int i = 0; i < 48; ++i) most_alpha = std::max(most_alpha, preview.image.pixel(24, i)[3]);
+      EXPECT_GT(most_alpha, 0.3F) << preview.caption;
+      EXPECT_LT(preview.image.pixel(0, 0)[3], 0.01F) << preview.caption;
+    }
+    const std::string& caption = previews.front().caption;
+    EXPECT_NE(caption.find("--transfer mr"), std::string::npos) << caption;
+    EXPECT_EQ(caption.find("means of 2 x 2 x 2 voxels") != std::string::npos, most < 4096);
+  }
 }
 
 TEST(Previews, OfNothingUsableAreRefused) {

@@ -160,6 +160,21 @@ TEST(ColoredSource, NumbersHaveTheMapsColours) {
   EXPECT_EQ(color_at(c, 4), map_color(ColorMap::kTurbo, 1));
 }
 
+TEST(AttributeColors, AColourHasItsValueBack) {
+  for (const ColorMap map :
+       {ColorMap::kViridis, ColorMap::kTurbo, ColorMap::kTerrain, ColorMap::kGrey}) {
+    const AttributeColors colors{.map = map, .min = -50, .max = 150};
+    for (int i = 0; i <= 40; ++i) {
+      const double value = -50 + 5 * i;
+      const auto found = colors.value_of(map_color(map, colors.place(value)));
+      ASSERT_TRUE(found) << color_map_name(map);
+      EXPECT_NEAR(*found, value, 0.2) << color_map_name(map);
+    }
+    EXPECT_NEAR(*colors.value_of(map_color(map, 7)), 150, 0.2) << "beyond the end";
+  }
+  EXPECT_FALSE(AttributeColors{}.value_of(missing_color()));
+}
+
 TEST(ColoredSource, AMiddleColourForARangeOfNoWidth) {
   const RenderCloud c = colored(row(3), "y", {.map = ColorMap::kViridis, .min = 2, .max = 2});
   EXPECT_EQ(color_at(c, 1), map_color(ColorMap::kViridis, 0.5));

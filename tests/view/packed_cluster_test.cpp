@@ -1,3 +1,5 @@
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstring>
 #include <set>
@@ -18,6 +20,10 @@ namespace {
 struct Unpacked {
   std::vector<Vec3f> position, normal, color;
   std::vector<float> u, v, area, angle, alpha, attribute;
+  struct HalfPlane {
+    std::uint16_t angle, distance;
+  };
+  std::array<std::vector<HalfPlane>, 2> half_planes;
 };
 
 class Reader {
@@ -93,6 +99,11 @@ Unpacked unpack(const std::string& bytes) {
     out.attribute.resize(end, h.attribute / 255.0F);
     if (has(kPackedAttribute)) {
       each([&](std::size_t i) { out.attribute[i] = read.next<std::uint8_t>() / 255.0F; });
+    }
+    for (std::size_t j = 0; j < 2; ++j) {
+      out.half_planes[j].resize(end, {0, 0xffff});
+      if (!has(j == 0 ? kPackedClip1 : kPackedClip2)) continue;
+      each([&](std::size_t i) { out.half_planes[j][i] = read.next<Unpacked::HalfPlane>(); });
     }
   }
   return out;
@@ -190,6 +201,53 @@ TEST(PackedCluster, UnboundedCoefficientsAndAlphaKeepTheirRange) {
     EXPECT_NEAR(found.color[i].y(), drawn.green[rows[i]], 0.02);
     EXPECT_NEAR(found.alpha[i], drawn.alpha[rows[i]], 1.0 / 510 + 1e-6);
   }
+}
+
+TEST(PackedCluster, KeepsHalfPlanesWithinTheStatedErrors) {
+  SurfelCloud cloud = sphere(300, true);
+  cloud.clip1.resize(300);
+  cloud.clip1_distance.resize(300);
+  cloud.clip2.assign(300, Vec3f(0, 0, 0));
+  cloud.clip2_distance.resize(300);
+  for (std::size_t i = 0; i < 300; ++i) {
+    const auto turn = static_cast<float>(i);
+    const Vec3f& n = cloud.normal[i];
+    const Vec3f across = n.cross(cloud.tangent[i]);
+    const float deviation = std::sqrt(cloud.variance_u[i]);
+    const Vec3f direction = std::cos(turn) * cloud.tangent[i] + std::sin(turn) * across;
+    cloud.clip1[i] = direction;
+    cloud.clip1_distance[i] = deviation * (std::sin(3 * turn) * 2);
+    // What is cut far away is as if nothing were cut.
+    if (i % 3 != 0) continue;
+    cloud.clip2[i] = -direction;
+    cloud.clip2_distance[i] = deviation * (i % 2 == 0 ? 1 : 100);
+  }
+  const RenderCloud drawn(cloud);
+  const Unpacked found = unpack(packed(drawn));
+  const std::vector<std::size_t> rows = rows_of(found, drawn);
+  std::size_t seconds = 0;
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    const Vec3f a = packed_tangent(found.normal[i]);
+    for (std::size_t j = 0; j < 2; ++j) {
+      const RenderCloud::ClipColumns& clip = drawn.clip[j];
+      const std::size_t row = rows[i];
+      const float deviation = std::max(drawn.deviation_u[row], drawn.deviation_v[row]);
+      const Unpacked::HalfPlane& line = found.half_planes[j][i];
+      const bool cuts =
+          RenderCloud::clips(clip, row) && clip.distance[row] < kPackedClipReach * deviation;
+      ASSERT_EQ(line.distance != 0xffff, cuts);
+      if (!cuts) continue;
+      seconds += j;
+      const float distance = (line.distance / 32767.0F - 1) * kPackedClipReach * deviation;
+      EXPECT_NEAR(distance, clip.distance[row], 0.00013 * deviation);
+      const float angle = 2 * 3.14159265F / 65536 * line.angle;
+      const Vec3f direction = std::cos(angle) * a + std::sin(angle) * found.normal[i].cross(a);
+      const Vec3f truth(clip.x[row], clip.y[row], clip.z[row]);
+      EXPECT_GT(direction.dot(truth), 0.9F);
+      EXPECT_LT(direction.cross(truth).norm(), 0.007 * 3.1416 / 180);
+    }
+  }
+  EXPECT_EQ(seconds, 50U);
 }
 
 TEST(PackedDirection, IsExactWithinAHundredthOfADegreeEverywhere) {

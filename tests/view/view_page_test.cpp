@@ -100,6 +100,25 @@ TEST_F(ViewPage, IsSmallerThanItsFile) {
   }
 }
 
+TEST_F(ViewPage, OfCutSurfelsIsSmallerThanItsFile) {
+  SurfelCloud cloud = sphere(3000);
+  cloud.clip1_distance.assign(3000, 0.01F);
+  cloud.clip2_distance.assign(3000, 0.02F);
+  for (std::size_t i = 0; i < 3000; ++i) {
+    const Vec3f across = cloud.normal[i].cross(Vec3f(0.1F, 0.9F, 0.2F)).normalized();
+    cloud.clip1.push_back(across);
+    cloud.clip2.push_back(-across);
+  }
+  const std::string path = file(cloud);
+  const ViewCloud cut(path, {});
+  EXPECT_EQ(cut.not_shown(), "");
+  const std::string page = page_of({&cut});
+  EXPECT_EQ(facts(page)["files"][0]["clips"], true);
+  const double bytes = static_cast<double>(std::filesystem::file_size(path));
+  EXPECT_LT(static_cast<double>(page.size()), 1.3 * bytes);
+  EXPECT_LE(page.size() - served_view_page({&cut}, {}).size(), cut.most_bytes() + 4096);
+}
+
 TEST_F(ViewPage, SaysWhatItHolds) {
   SurfelCloud cloud = sphere(500);
   cloud.color.clear();
@@ -118,6 +137,7 @@ TEST_F(ViewPage, SaysWhatItHolds) {
   EXPECT_EQ(json["camera"]["up"], nlohmann::json({0, 0, 1}));
   EXPECT_EQ(json["camera"]["ortho"], 0);
   EXPECT_EQ(json["files"][0]["hidden"], "");
+  EXPECT_EQ(json["files"][0]["clips"], false);
   EXPECT_EQ(json["served"], false);
 }
 

@@ -9,6 +9,7 @@
 #include <surfel/base/color.h>
 #include <surfel/base/error.h>
 #include <surfel/render/renderer.h>
+#include <surfel/store/colored_source.h>
 
 namespace surfel::render_tool {
 namespace {
@@ -114,13 +115,82 @@ std::vector<std::size_t> shown_splats(const PixelExplanation& pixel) {
   return shared;
 }
 
-std::string splats_text(const PixelExplanation& pixel) {
+/// What the colours of a pixel's splats stand for, by a legend.
+class LegendValues {
+ public:
+  explicit LegendValues(const Legend& legend) : legend_(legend) {}
+
+  /// The value of a splat, a number or the name of a category; null: it has none.
+  nlohmann::json of(const ExplainedSplat& splat) const {
+    if (legend_.entries.empty()) {
+      const std::optional<double> value = colors().value_of(splat.color);
+      return value ? nlohmann::json(*value) : nlohmann::json();
+    }
+    const auto entry = std::find_if(
+        legend_.entries.begin(), legend_.entries.end(),
+        [&](const Legend::Entry& e) { return (e.color - splat.color).norm() < kSameColor; });
+    return entry == legend_.entries.end() ? nlohmann::json() : nlohmann::json(entry->text);
+  }
+
+  /// Of a pixel the mean of the splats' numbers by their shares, or the categories' shares; null
+  /// where no splat with a value has a share.
+  nlohmann::json of(const PixelExplanation& pixel) const {
+    double sum = 0;
+    double shares = 0;
+    nlohmann::json categories = nlohmann::json::object();
+    for (const ExplainedSplat& splat : pixel.splats) {
+      const nlohmann::json value = of(splat);
+      if (!(splat.share > 0) || value.is_null()) continue;
+      shares += splat.share;
+      if (value.is_number()) {
+        sum += splat.share * value.get<double>();
+      } else {
+        const std::string name = value;
+        categories[name] = categories.value(name, 0.0) + splat.share;
+      }
+    }
+    if (!(shares > 0)) return {};
+    return legend_.entries.empty() ? nlohmann::json(sum / shares) : categories;
+  }
+
+  std::string text(const nlohmann::json& value) const {
+    if (value.is_null()) return "-";
+    return value.is_number() ? figures(value) : value.get<std::string>();
+  }
+
+  /// A line about a pixel; empty where it has no value.
+  std::string line(const PixelExplanation& pixel) const {
+    const nlohmann::json value = of(pixel);
+    if (value.is_null()) return {};
+    if (value.is_number()) {
+      return fmt::format("  {} by the legend: {} (mean of the splats' values by their shares)\n",
+                         legend_.title, text(value));
+    }
+    std::string out;
+    for (const auto& [name, share] : value.items()) {
+      out += fmt::format("{}{} ({} of the pixel)", out.empty() ? "" : ", ", name,
+                         figures(share.get<double>()));
+    }
+    return fmt::format("  {} by the legend: {}\n", legend_.title, out);
+  }
+
+ private:
+  /// Colours of categories differ by more.
+  static constexpr float kSameColor = 1e-4F;
+
+  AttributeColors colors() const { return {legend_.map, legend_.min, legend_.max}; }
+
+  const Legend& legend_;
+};
+
+std::string splats_text(const PixelExplanation& pixel, const Legend* legend) {
   const std::vector<std::size_t> shown = shown_splats(pixel);
   if (shown.empty()) return {};
   const bool groups = pixel.splats.front().group.has_value();
   std::vector<std::string> head{"surfel",      "share", "weight", "=",    "kernel",
                                 "coefficient", "clip",  "depth",  "layer"};
   if (groups) head.emplace_back("group");
+  if (legend) head.push_back(legend->title);
   head.insert(head.end(), {"kind", "colour", "alpha", "fate"});
   Table table(head);
   double left = 0;
@@ -138,6 +208,10 @@ std::string splats_text(const PixelExplanation& pixel) {
                                  figures(splat.depth),
                                  splat.layer < 0 ? "-" : std::to_string(splat.layer)};
     if (groups) row.push_back(splat.group ? std::to_string(*splat.group) : "-");
+    if (legend) {
+      const LegendValues values(*legend);
+      row.push_back(values.text(values.of(splat)));
+    }
     row.insert(row.end(), {splat.exact ? "exact" : "affine", color_text(splat.color),
                            figures(splat.alpha), words_of(splat.fate).name});
     table.add(std::move(row));
@@ -185,7 +259,7 @@ std::vector<PixelExplanation> explain_pixels(const Settings& s, const LoadedClou
   return Renderer(surfels.store(), scene, s.render).explain(camera, s.explained_pixels);
 }
 
-nlohmann::json to_json(const PixelExplanation& pixel) {
+nlohmann::json to_json(const PixelExplanation& pixel, const Legend* legend) {
   nlohmann::json splats = nlohmann::json::array();
   for (const ExplainedSplat& splat : pixel.splats) {
     nlohmann::json one = {{"surfel", splat.surfel},
@@ -203,6 +277,7 @@ nlohmann::json to_json(const PixelExplanation& pixel) {
                           {"alpha", splat.alpha}};
     if (splat.layer >= 0) one["layer"] = splat.layer;
     if (splat.group) one["group"] = *splat.group;
+    if (legend) one["value"] = LegendValues(*legend).of(splat);
     splats.push_back(std::move(one));
   }
   nlohmann::json layers = nlohmann::json::array();
@@ -215,23 +290,28 @@ nlohmann::json to_json(const PixelExplanation& pixel) {
                       {"side", layer.front ? "front" : "back"},
                       {"color", json_of(layer.color)}});
   }
-  return {{"x", pixel.x},
-          {"y", pixel.y},
-          {"pixel", pixel.pixel},
-          {"surfaces", json_of(pixel.surfaces)},
-          {"alpha", pixel.alpha},
-          {"background", pixel.background},
-          {"edge", pixel.edge},
-          {"filled", pixel.filled},
-          {"relief", pixel.relief},
-          {"environment", json_of(pixel.environment)},
-          {"colors", pixel.display ? "sRGB" : "linear"},
-          {"splats_add_up", pixel.splats_add_up},
-          {"layers", std::move(layers)},
-          {"splats", std::move(splats)}};
+  nlohmann::json out = {{"x", pixel.x},
+                        {"y", pixel.y},
+                        {"pixel", pixel.pixel},
+                        {"surfaces", json_of(pixel.surfaces)},
+                        {"alpha", pixel.alpha},
+                        {"background", pixel.background},
+                        {"edge", pixel.edge},
+                        {"filled", pixel.filled},
+                        {"relief", pixel.relief},
+                        {"environment", json_of(pixel.environment)},
+                        {"colors", pixel.display ? "sRGB" : "linear"},
+                        {"splats_add_up", pixel.splats_add_up},
+                        {"layers", std::move(layers)},
+                        {"splats", std::move(splats)}};
+  if (legend) {
+    out["legend"] = {{"title", legend->title}, {"value", LegendValues(*legend).of(pixel)}};
+  }
+  return out;
 }
 
-std::string to_text(const PixelExplanation& pixel, const std::string& picture) {
+std::string to_text(const PixelExplanation& pixel, const std::string& picture,
+                    const Legend* legend) {
   const std::array<float, 4>& p = pixel.pixel;
   std::array<int, 3> codes{};
   for (std::size_t c = 0; c < 3; ++c) {
@@ -244,6 +324,7 @@ std::string to_text(const PixelExplanation& pixel, const std::string& picture) {
       "{})\n",
       picture, pixel.x, pixel.y, p[0], p[1], p[2], p[3], codes[0], codes[1], codes[2]);
   if (pixel.display) out += "  colours below are sRGB, and are blended so\n";
+  if (legend) out += LegendValues(*legend).line(pixel);
   out += layers_text(pixel);
   if (!pixel.layers.empty() || !pixel.splats.empty()) {
     out += fmt::format("  together: {}, alpha {:.4g}; the background has {:.4g} of the pixel\n",
@@ -265,7 +346,7 @@ std::string to_text(const PixelExplanation& pixel, const std::string& picture) {
   if (!pixel.splats_add_up && !pixel.layers.empty()) {
     out += "  layers are shaded as a whole; colours of splats are not lit\n";
   }
-  return out + splats_text(pixel) + fates_text(pixel);
+  return out + splats_text(pixel, legend) + fates_text(pixel);
 }
 
 }  // namespace surfel::render_tool

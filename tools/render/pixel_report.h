@@ -4,6 +4,7 @@
 #include <vector>
 
 #include <nlohmann/json.hpp>
+#include <surfel/render/legend.h>
 #include <surfel/render/pixel_explanation.h>
 #include <surfel/scene/scene.h>
 #include <surfel/scene/view.h>
@@ -21,10 +22,12 @@ std::vector<PixelExplanation> explain_pixels(const Settings& s, const LoadedClou
                                              const Scene& scene, const Camera& camera);
 
 /// What the report says of an explained pixel.
-nlohmann::json to_json(const PixelExplanation& pixel);
+/// \param legend  what colours stand for; null: nothing.
+nlohmann::json to_json(const PixelExplanation& pixel, const Legend* legend);
 
 /// An explained pixel in words and tables.
 /// \param picture  its name.
-std::string to_text(const PixelExplanation& pixel, const std::string& picture);
+std::string to_text(const PixelExplanation& pixel, const std::string& picture,
+                    const Legend* legend);
 
 }  // namespace surfel::render_tool

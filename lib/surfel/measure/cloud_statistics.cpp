@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <limits>
+#include <numeric>
 #include <optional>
 
 #include <surfel/base/median.h>
@@ -71,19 +72,27 @@ void measure_spacing(const MeasuredDiscs& discs, const NeighborSearch& neighbors
                      const std::vector<std::size_t>& queries, CloudStatistics& out) {
   if (discs.position.size() < 2) return;
   std::vector<double> distance(queries.size());
+  std::vector<std::size_t> within(queries.size());
+  const bool sized = !discs.radius.empty();
   parallel_for(queries.size(), kQueryGrain, [&](std::size_t begin, std::size_t end, int) {
     std::vector<Neighbor> near;
     for (std::size_t q = begin; q < end; ++q) {
       const Vec3f& at = discs.position[queries[q]];
       double nearest = std::numeric_limits<double>::infinity();
-      neighbors.nearest(at, 2, near);
+      neighbors.nearest(at, sized ? NeighborCounts::kMost + 1 : 2, near);
       for (const auto& [j, distance2] : near) {
-        if (j != queries[q])
-          nearest = std::min(nearest, (discs.position[j] - at).cast<double>().norm());
+        if (j == queries[q]) continue;
+        const double to = (discs.position[j] - at).cast<double>().norm();
+        nearest = std::min(nearest, to);
+        if (sized && to <= discs.radius[queries[q]]) ++within[q];
       }
       distance[q] = nearest;
     }
   });
+  if (sized) {
+    out.neighbors.emplace();
+    for (const std::size_t count : within) out.neighbors->add(count);
+  }
   const auto coincident = std::count(distance.begin(), distance.end(), 0.0);
   out.coincident_share = static_cast<double>(coincident) / static_cast<double>(distance.size());
   out.spacing = distribution(std::move(distance));
@@ -125,6 +134,12 @@ Distribution distribution(std::vector<double> values) {
           rank(0.5),
           rank(0.95),
           values.back()};
+}
+
+void NeighborCounts::add(std::size_t neighbors) { ++surfels[std::min(neighbors, kMost)]; }
+
+std::size_t NeighborCounts::samples() const {
+  return std::accumulate(surfels.begin(), surfels.end(), std::size_t{0});
 }
 
 std::vector<std::string> CloudStatisticsOptions::problems() const {

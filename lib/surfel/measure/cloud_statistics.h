@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <optional>
@@ -46,6 +47,19 @@ struct Coverage {
   double cell_area_mean = 0;  ///< Mean area of the cells, unit^2, which `area` should have.
 };
 
+/// How many other surfels have their centres within a surfel's radius: sampled surfels by that
+/// number.
+struct NeighborCounts {
+  static constexpr std::size_t kMost = 24;  ///< This many or more are not told apart.
+  std::array<std::size_t, kMost + 1> surfels{};
+
+  /// Adds a surfel with so many.
+  SURFEL_API void add(std::size_t neighbors);
+  /// Sampled surfels.
+  SURFEL_API std::size_t samples() const;
+  bool operator==(const NeighborCounts&) const = default;
+};
+
 /// Counts and measures of a cloud. Lengths are in scene units.
 struct CloudStatistics {
   std::size_t count = 0;
@@ -59,6 +73,7 @@ struct CloudStatistics {
 
   /// Distance from sampled surfels to the nearest other one; needs two finite positions.
   std::optional<Distribution> spacing;
+  std::optional<NeighborCounts> neighbors;  ///< Of the same surfels; needs variances, too.
   double coincident_share = 0;         ///< Share of sampled surfels with another at the same place.
   std::optional<Distribution> radius;  ///< sqrt(2 c max variance) of all surfels.
   std::optional<Coverage> coverage;    ///< Needs normals, variances and closed cells.

@@ -25,6 +25,7 @@ namespace surfel {
 
 /// Neighbours that bound a Voronoi cell; on a random surface six do on average.
 inline constexpr std::size_t kCellNeighbors = 24;
+static_assert(NeighborCounts::kMost <= kCellNeighbors);
 /// Discs looked at per cell; more over one point than this are not counted.
 inline constexpr std::size_t kMostDiscs = 1024;
 inline constexpr int kPointsPerCell = 16;  ///< 20,000 cells tell a share to 0.1 % then.

@@ -39,6 +39,7 @@ struct Sample {
   std::uint64_t disc = 0;    ///< Its number among the discs.
   Vec3f position{0, 0, 0};
   Vec3f normal{0, 0, 0};
+  std::optional<float> radius;  ///< Unset without variances.
 };
 
 /// A sample's cell, and the discs that may lie over it.
@@ -144,6 +145,7 @@ class SampledCells {
   std::uint64_t finite_;
   std::vector<Sample> samples_;
   std::vector<double> spacing_;
+  std::vector<std::size_t> within_;  ///< Other surfels within the samples' radii.
   std::vector<OpenCell> cells_;
 };
 
@@ -156,8 +158,12 @@ void SampledCells::find_samples() {
            picked[samples_.size()] < before + discs.position.size()) {
       const std::uint64_t disc = picked[samples_.size()];
       const std::uint32_t i = discs.surfel[disc - before];
-      samples_.push_back({surfels + i, disc, piece.position[i],
-                          piece.normal.empty() ? Vec3f(0, 0, 0) : piece.normal[i]});
+      samples_.push_back({surfels + i,
+                          disc,
+                          piece.position[i],
+                          piece.normal.empty() ? Vec3f(0, 0, 0) : piece.normal[i],
+                          {}});
+      if (!discs.radius.empty()) samples_.back().radius = discs.radius[disc - before];
     }
   });
 }
@@ -185,13 +191,16 @@ void SampledCells::find_neighbors(bool normals) {
     });
   });
   spacing_.resize(samples_.size());
+  within_.resize(samples_.size());
   cells_.resize(samples_.size());
   parallel_each(samples_.size(), kSampleGrain, [&](std::size_t q) {
     const Sample& sample = samples_[q];
     double nearest = std::numeric_limits<double>::infinity();
-    for (std::size_t n = 0; n < std::min<std::size_t>(2, near[q].size()); ++n) {
+    for (std::size_t n = 0; n < near[q].size(); ++n) {
       if (near[q][n].index == sample.disc) continue;
-      nearest = std::min(nearest, (near[q][n].position - sample.position).cast<double>().norm());
+      const double to = (near[q][n].position - sample.position).cast<double>().norm();
+      if (n < 2) nearest = std::min(nearest, to);
+      if (sample.radius && to <= *sample.radius) ++within_[q];
     }
     spacing_[q] = nearest;
     if (!normals) return;
@@ -205,6 +214,10 @@ void SampledCells::find_neighbors(bool normals) {
 
 void SampledCells::measure_spacing(CloudStatistics& out) {
   if (finite_ < 2) return;
+  if (samples_.front().radius) {
+    out.neighbors.emplace();
+    for (const std::size_t count : within_) out.neighbors->add(count);
+  }
   const auto coincident = std::count(spacing_.begin(), spacing_.end(), 0.0);
   out.coincident_share = static_cast<double>(coincident) / static_cast<double>(spacing_.size());
   out.spacing = distribution(std::move(spacing_));

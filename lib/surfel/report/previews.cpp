@@ -1,24 +1,29 @@
 #include <algorithm>
 #include <array>
 #include <memory>
+#include <numeric>
 #include <optional>
 #include <tuple>
 #include <utility>
 
 #include <fmt/format.h>
-#include <surfel/base/error.h>
+#include <surfel/base/parallel.h>
 #include <surfel/gaussian/gaussian_extent.h>
 #include <surfel/gaussian/gaussian_renderer.h>
 #include <surfel/intake/intake.h>
 #include <surfel/io/file_kind.h>
 #include <surfel/io/gaussian_io.h>
 #include <surfel/io/image_io.h>
+#include <surfel/io/volume_io.h>
 #include <surfel/measure/terrain.h>
 #include <surfel/measure/view_guess.h>
 #include <surfel/render/renderer.h>
 #include <surfel/report/previews.h>
+#include <surfel/scene/transfer_function.h>
+#include <surfel/scene/volume.h>
 #include <surfel/store/cloud_loader.h>
 #include <surfel/store/colored_source.h>
+#include <surfel/volume/gaussians_of_volume.h>
 
 namespace surfel {
 namespace {
@@ -92,14 +97,43 @@ std::vector<Preview> of_surfels(const LoadedCloud& loaded, const std::string& co
   return previews;
 }
 
-std::vector<Preview> of_gaussians(const std::string& path, int size) {
-  const GaussianCloud cloud = read_gaussians(path);
+/// The mean values of cubes of `edge` voxels a side; voxels beyond the last whole cube are left
+/// out.
+Volume coarser(const Volume& volume, std::size_t edge) {
+  Volume out = volume;
+  const auto size = static_cast<double>(edge);
+  const double middle = (size - 1) / 2;
+  out.origin = volume.world({middle, middle, middle});
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    out.size[axis] = volume.size[axis] / edge;
+    out.step[axis] *= size;
+  }
+  out.value.assign(out.voxels(), 0);
+  parallel_each(out.size[2], 1, [&](std::size_t z) {
+    for (std::size_t y = 0; y < out.size[1]; ++y) {
+      for (std::size_t x = 0; x < out.size[0]; ++x) {
+        double sum = 0;
+        for (std::size_t k = z * edge; k < (z + 1) * edge; ++k) {
+          for (std::size_t j = y * edge; j < (y + 1) * edge; ++j) {
+            const float* row = volume.value.data() + volume.index(x * edge, j, k);
+            sum = std::accumulate(row, row + edge, sum);
+          }
+        }
+        out.value[out.index(x, y, z)] = static_cast<float>(sum / (size * size * size));
+      }
+    }
+  });
+  return out;
+}
+
+std::vector<Preview> of_gaussians(const GaussianCloud& cloud, int size) {
   const SceneExtent extent = gaussian_extent(cloud);
   ViewHints hints{.up = cloud.up, .viewpoint = {}};
   if (!hints.up) {
-    // Trained files have the axes of their cameras, whose y points down.
+    // Trained files have the axes of their cameras, whose y points down, as rows of images do.
+    const bool density = cloud.rule == AmplitudeRule::kDensity;
     hints.up = Vec3d(0, -1, 0);
-    hints.up_reason = "as trained splats mostly have it";
+    hints.up_reason = density ? "as rows of images go down" : "as trained splats mostly have it";
   }
   const ViewGuess guess = guess_view(sample_surface(cloud), hints);
   GaussianOptions options;
@@ -110,17 +144,31 @@ std::vector<Preview> of_gaussians(const std::string& path, int size) {
   });
 }
 
+/// As the Gaussians that surfel-from-volume makes of it are drawn.
+std::vector<Preview> of_volume(const std::string& path, const PreviewOptions& options) {
+  Volume volume = read_volume(path);
+  const std::string name = likely_transfer_function(volume);
+  std::size_t edge = 1;
+  while (volume.voxels() / (edge * edge * edge) > options.most_voxels) ++edge;
+  const std::size_t narrowest = *std::min_element(volume.size.begin(), volume.size.end());
+  edge = std::min(edge, narrowest);
+  if (edge > 1) volume = coarser(volume, edge);
+  const TransferFunction function = absolute(transfer_function(name), volume);
+  std::vector<Preview> previews =
+      of_gaussians(gaussians_of_volume(volume, function, path), options.size);
+  std::string& caption = previews.front().caption;
+  caption += fmt::format("; as surfel-from-volume --transfer {} has it", name);
+  if (edge > 1) caption += fmt::format(", means of {0} x {0} x {0} voxels", edge);
+  return previews;
+}
+
 }  // namespace
 
 std::vector<Preview> preview_pictures(const std::string& path, const PreviewOptions& options) {
   const FileKind kind = file_kind(path);
   if (kind == FileKind::kImage) return {{"", read_premultiplied_image(path)}};
-  if (kind == FileKind::kGaussians) return of_gaussians(path, options.size);
-  if (kind == FileKind::kVolume) {
-    throw_input(path,
-                "is a volume, of which no picture is made here; surfel-from-volume makes "
-                "Gaussians of it");
-  }
+  if (kind == FileKind::kGaussians) return of_gaussians(read_gaussians(path), options.size);
+  if (kind == FileKind::kVolume) return of_volume(path, options);
   ColorsOfNone colors;
   CloudLoadOptions load{.columns = {.levels = true},
                         .memory = options.memory,

@@ -23,6 +23,32 @@ Vec3f normal_color(const Vec3f& normal) {
 
 }  // namespace
 
+std::optional<double> AttributeColors::value_of(const Vec3f& color) const {
+  if (map != ColorMap::kGrey && (color - missing_color()).norm() < 1e-4F) return std::nullopt;
+  const auto distance = [&](double t) { return (map_color(map, t) - color).squaredNorm(); };
+  constexpr int kSteps = 1024;
+  int nearest = 0;
+  float least = distance(0);
+  for (int i = 1; i <= kSteps; ++i) {
+    const float here = distance(static_cast<double>(i) / kSteps);
+    if (here >= least) continue;
+    least = here;
+    nearest = i;
+  }
+  // The map is all but straight between two steps, and the distance has one minimum there.
+  double low = std::max(0, nearest - 1) / static_cast<double>(kSteps);
+  double high = std::min(kSteps, nearest + 1) / static_cast<double>(kSteps);
+  for (int i = 0; i < 12; ++i) {
+    const double third = (high - low) / 3;
+    if (distance(low + third) <= distance(high - third)) {
+      high -= third;
+    } else {
+      low += third;
+    }
+  }
+  return min + (low + high) / 2 * (max - min);
+}
+
 Vec3f category_color(AttributeKind kind, std::int64_t number) {
   return kind == AttributeKind::kLasClass ? las_class_color(number) : category_color(number);
 }

@@ -2,6 +2,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 
 #include <surfel/base/export.h>
 #include <surfel/scene/color_map.h>
@@ -17,6 +18,10 @@ struct AttributeColors {
 
   /// Place in the map, 0..1: 1/2 for all values where min = max.
   double place(double value) const { return max > min ? (value - min) / (max - min) : 0.5; }
+  /// The number whose colour is nearest to a linear colour: the one that has become it, within
+  /// 0.1 % of max - min, or an end of the map where that number lies beyond it. Unset for
+  /// missing_color(), but of kGrey, which has that colour.
+  SURFEL_API std::optional<double> value_of(const Vec3f& color) const;
 };
 
 /// A source whose surfels are coloured by an attribute instead of by their own colours. Values

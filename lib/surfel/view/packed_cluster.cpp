@@ -20,6 +20,9 @@ namespace {
 constexpr float kMost = 65535;
 /// The code that stands for no direction is kept free.
 constexpr float kMostDirection = 65534;
+/// The code of a half-plane's distance that stands for none, and the one of distance 0.
+constexpr std::uint16_t kNoHalfPlane = 0xffff;
+constexpr float kMiddleDistance = 32767;
 
 static_assert(std::endian::native == std::endian::little);
 
@@ -80,6 +83,8 @@ class Packer {
     add_alpha(to);
     if (cloud_.has_shading()) add_directions(kPackedShading, true, to);
     add_attribute(to);
+    add_half_planes(kPackedClip1, cloud_.clip[0], to);
+    add_half_planes(kPackedClip2, cloud_.clip[1], to);
     std::copy_n(reinterpret_cast<const char*>(&header_), sizeof(header_), to.data() + at);
   }
 
@@ -149,14 +154,47 @@ class Packer {
     for (const std::uint32_t row : rows_) append(tangent_angle(row), to);
   }
 
-  /// The angle is one about the normal that is read back, half a turn being 65536.
-  std::uint16_t tangent_angle(std::uint32_t row) const {
+  /// The angle of a direction about the normal that is read back; `whole` radians are 65536.
+  std::uint16_t angle_about_normal(std::uint32_t row, const Vec3f& direction, double whole) const {
     const Vec3f n = unpack_direction(pack_direction(normal(row)));
-    const Vec3f t(cloud_.tangent_x[row], cloud_.tangent_y[row], cloud_.tangent_z[row]);
     const Vec3f a = packed_tangent(n);
-    const double angle = portable::atan2(t.dot(n.cross(a)), t.dot(a));
-    const double share = angle / std::numbers::pi;
+    const double angle = portable::atan2(direction.dot(n.cross(a)), direction.dot(a));
+    const double share = angle / whole;
     return static_cast<std::uint16_t>(std::lround((share - std::floor(share)) * 65536) & 0xffff);
+  }
+
+  std::uint16_t tangent_angle(std::uint32_t row) const {
+    const Vec3f t(cloud_.tangent_x[row], cloud_.tangent_y[row], cloud_.tangent_z[row]);
+    return angle_about_normal(row, t, std::numbers::pi);
+  }
+
+  /// Distance of a half-plane from the surfel's centre as a code, kNoHalfPlane where it cuts
+  /// nothing.
+  std::uint16_t half_plane_distance(const RenderCloud::ClipColumns& clip, std::uint32_t row) const {
+    if (!RenderCloud::clips(clip, row) || normal(row).isZero(0)) return kNoHalfPlane;
+    float deviation = cloud_.deviation_u[row];
+    if (cloud_.anisotropic()) deviation = std::max(deviation, cloud_.deviation_v[row]);
+    const float place = clip.distance[row] / (kPackedClipReach * deviation);
+    if (!(place < 1)) return kNoHalfPlane;
+    return static_cast<std::uint16_t>(std::lround((std::max(place, -1.0F) + 1) * kMiddleDistance));
+  }
+
+  void add_half_planes(PackedColumn column, const RenderCloud::ClipColumns& clip, std::string& to) {
+    const bool some = std::any_of(rows_.begin(), rows_.end(), [&](std::uint32_t row) {
+      return half_plane_distance(clip, row) != kNoHalfPlane;
+    });
+    if (!some) return;
+    header_.columns |= column;
+    for (const std::uint32_t row : rows_) {
+      const std::uint16_t distance = half_plane_distance(clip, row);
+      std::uint16_t angle = 0;
+      if (distance != kNoHalfPlane) {
+        const Vec3f direction(clip.x[row], clip.y[row], clip.z[row]);
+        angle = angle_about_normal(row, direction, 2 * std::numbers::pi);
+      }
+      append(angle, to);
+      append(distance, to);
+    }
   }
 
   void add_area(std::string& to) {

@@ -25,6 +25,7 @@ namespace surfel {
 ///              color_scale where colours lie outside of that
 ///   alpha      1 / 510
 ///   attribute  1 / 510 of its range
+///   half-planes   0.003 degrees, and 0.00013 of the surfel's larger deviation
 struct PackedCluster {
   std::uint16_t count;                  ///< Surfels, 1..kClusterSurfels.
   std::uint16_t columns;                ///< Bits of PackedColumn.
@@ -53,6 +54,11 @@ enum PackedColumn : std::uint16_t {
   kPackedShading = 128,  ///< 2 x 16 bits: the normal to shade with, as kPackedNormal has it.
                          ///< Missing: the surfel's own.
   kPackedAttribute = 256,  ///< 8 bits, 0..1.
+  /// 2 x 16 bits: the angle of the direction of RenderCloud::clip from packed_tangent(), of a turn,
+  /// and the distance, 0..65534 being kPackedClipReach of the larger deviation on both sides of the
+  /// centre; 65535: nothing is cut. Missing: no surfel is cut.
+  kPackedClip1 = 512,
+  kPackedClip2 = 1024,  ///< The same of the second half-plane.
 };
 
 /// Appends a cluster, whose rows the cloud holds. The surfels are in an order in which the first
@@ -61,8 +67,11 @@ enum PackedColumn : std::uint16_t {
 SURFEL_API void pack_cluster(const RenderCloud& cloud, std::uint32_t cluster,
                              const RenderCloud* attribute, std::string& to);
 
+/// Half-planes that are farther from the centre cut nothing that is seen, and are left out.
+inline constexpr float kPackedClipReach = 8;
+
 /// Most bytes that a surfel takes in a packed cluster.
-inline constexpr std::size_t kMostPackedSurfel = 27;
+inline constexpr std::size_t kMostPackedSurfel = 35;
 
 /// Octahedral code of a unit vector; both 65535 for the zero vector.
 struct PackedDirection {

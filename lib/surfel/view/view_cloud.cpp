@@ -131,16 +131,14 @@ const std::string& ViewCloud::attribute() const { return impl_->attribute; }
 std::pair<double, double> ViewCloud::attribute_range() const { return impl_->range; }
 
 std::string ViewCloud::not_shown() const {
-  const bool clips = impl_->surfels->surfels().has_clips();
-  if (!clips && !impl_->materials) return "";
-  const std::string lines = clips ? "surfels that end at lines are shown whole" : "";
-  const std::string materials = impl_->materials ? "materials are not shown" : "";
-  return lines + (clips && impl_->materials ? ", and " : "") + materials;
+  return impl_->materials ? "materials are not shown" : "";
 }
 
 std::uint64_t ViewCloud::most_bytes() const {
   const RenderCloud& cloud = impl_->surfels->surfels();
-  const auto of_surfel = cloud.anisotropic() ? kMostPackedSurfel : kMostPackedSurfel - 8;
+  std::size_t of_surfel = kMostPackedSurfel;
+  if (!cloud.anisotropic()) of_surfel -= 8;
+  if (!cloud.has_clips()) of_surfel -= 8;
   std::uint64_t surfels = 0;
   for (std::size_t c = 0; c < clusters(); ++c) {
     surfels += has_levels() ? cloud.tree()[c].end - cloud.tree()[c].begin

@@ -109,6 +109,7 @@ nlohmann::json described(const ViewCloud& cloud) {
       {"opaque", !surfels.transparent()},
       {"hidden", cloud.not_shown()},
       {"shading", surfels.has_shading()},
+      {"clips", surfels.has_clips()},
       {"origin", numbers(surfels.origin())},
       {"min", numbers(extent.box.min)},
       {"max", numbers(extent.box.max)},

@@ -431,6 +431,12 @@ std::vector<std::string> GaussiansOfVolumeOptions::problems() const {
   return out;
 }
 
+std::string likely_transfer_function(const Volume& volume) {
+  constexpr float kLikelyAir = -500;
+  const float least = *std::min_element(volume.value.begin(), volume.value.end());
+  return least < kLikelyAir ? "ct" : "mr";
+}
+
 double shading_weight(double gradient, double range, double edge) {
   constexpr double kNoise = 0.02;  // Of the range, over a voxel: what noise makes.
   const double change = gradient * edge / (kNoise * range);

@@ -62,6 +62,10 @@ SURFEL_API GaussianCloud gaussians_of_volume(const Volume& volume, const Transfe
                                              const GaussiansOfVolumeOptions& options = {},
                                              GaussiansOfVolumeReport* report = nullptr);
 
+/// The name of the transfer function that suits a volume: "ct" where values below -500 tell that
+/// they are Hounsfield units, air among them, else "mr".
+SURFEL_API std::string likely_transfer_function(const Volume& volume);
+
 /// How much a voxel's colours depend on its normal, 0..1.
 /// \param gradient  length of the gradient, values per scene unit.
 /// \param range     of the values.

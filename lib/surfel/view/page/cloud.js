@@ -51,6 +51,7 @@ export class GpuCloud {
     this.first = renderer.texture(gl.RGBA32UI, kWidth, rows);
     this.second = renderer.texture(gl.RG32UI, kWidth, rows);
     this.shading = info.shading ? renderer.texture(gl.R32UI, kWidth, rows) : null;
+    this.clips = info.clips ? renderer.texture(gl.RG32UI, kWidth, rows) : null;
     this.table = renderer.texture(gl.RGBA32F, kWidth, Math.max(1, Math.ceil(slots / kTableAcross)));
     this.texels = new ClusterTexels();
     this.records = new Map();
@@ -110,6 +111,7 @@ export class GpuCloud {
     };
     put(this.first, gl.RGBA_INTEGER, texels.first);
     put(this.second, gl.RG_INTEGER, texels.second);
+    if (this.clips) put(this.clips, gl.RG_INTEGER, texels.clips);
     if (this.shading) put(this.shading, gl.RED_INTEGER, texels.shading);
     gl.bindTexture(gl.TEXTURE_2D, this.table);
     gl.texSubImage2D(

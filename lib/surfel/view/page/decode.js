@@ -8,6 +8,10 @@ const kColor = 32;
 const kAlpha = 64;
 const kShading = 128;
 const kAttribute = 256;
+const kClip1 = 512;
+const kClip2 = 1024;
+/** Code of a half-plane that cuts nothing. */
+const kNoClip = 0xffff0000;
 
 export const kHeaderBytes = 64;
 export const kRecordBytes = 40;
@@ -50,7 +54,7 @@ export function packedSize(view, at) {
   const has = (bit) => ((columns & bit) !== 0 ? 1 : 0);
   const surfel =
     6 + 4 * has(kNormal) + 2 * has(kDeviation) + 4 * has(kAcross) + 2 * has(kArea) +
-    3 * has(kColor) + has(kAlpha) + 4 * has(kShading) + has(kAttribute);
+    3 * has(kColor) + has(kAlpha) + 4 * has(kShading) + has(kAttribute) + 4 * has(kClip1) + 4 * has(kClip2);
   return kHeaderBytes + count * surfel;
 }
 
@@ -63,6 +67,8 @@ export class ClusterTexels {
     this.second = new Uint32Array(2 * kClusterSurfels);
     /** Normal to shade with, 2 x 16. */
     this.shading = new Uint32Array(kClusterSurfels);
+    /** Half-planes: angle 16, distance 16 of each. */
+    this.clips = new Uint32Array(2 * kClusterSurfels);
     /** What the numbers mean, see place() in shaders.js. */
     this.table = new Float32Array(16);
   }
@@ -112,6 +118,8 @@ export class ClusterTexels {
     const alpha = octets(kAlpha, 255);
     const shading = pairs(kShading, normal);
     const attribute = octets(kAttribute, bytes[begin + 59]);
+    const clip1 = pairs(kClip1, () => kNoClip);
+    const clip2 = pairs(kClip2, () => kNoClip);
     for (let i = 0; i < count; ++i) {
       this.first[4 * i] = x(i) | (y(i) << 16);
       this.first[4 * i + 1] = z(i) | (deviation(i) << 16);
@@ -120,6 +128,8 @@ export class ClusterTexels {
       this.second[2 * i] = area(i) | (across(i) << 16);
       this.second[2 * i + 1] = angle(i) | (attribute(i) << 16);
       this.shading[i] = shading(i);
+      this.clips[2 * i] = clip1(i);
+      this.clips[2 * i + 1] = clip2(i);
     }
     // min, deviation_log; step, deviation_step; area, colour; flags.
     this.table.set([

@@ -47,7 +47,7 @@ function linearOf(code) {
 class Viewer {
   constructor() {
     this.canvas = find('canvas');
-    this.renderer = new Renderer(this.canvas);
+    this.renderer = new Renderer(this.canvas, page.files.some((info) => info.clips));
     this.address = new URLSearchParams(location.hash.slice(1));
     this.map = bytesOfBase64(page.map);
     this.settings = {

@@ -82,19 +82,26 @@ void main() {
 }
 `;
 
+const cutOf = (layer, clips) => (clips ? `texelFetch(u_cuts${layer}, ivec2(gl_FragCoord.xy), 0)` : 'vec4(0)');
+
 /**
  * The third pass: divides, shades and composites. Colours are premultiplied. What is named after a function or class of
  * surfel-render (a_buffer.cpp, edge_search.cpp) is the same here.
  * @param several  whether pixels may have several layers, or edges that are not found later; programs of the processor
  *                 take the time of all branches.
+ * @param clips    whether half-planes may cut surfels; only with several.
  */
-export const compositeFragment = (several) => `${kHead}
+export const compositeFragment = (several, clips = false) => `${kHead}
 #define SEVERAL ${several ? 1 : 0}
+#define CLIPS ${clips ? 1 : 0}
 uniform sampler2D u_nearest1, u_nearest2, u_nearest3, u_nearest4;
 uniform sampler2D u_means1, u_means2, u_means3, u_means4;
 uniform sampler2D u_surfaces1, u_surfaces2;
 uniform sampler2D u_colors1, u_colors2, u_colors3, u_colors4;
 uniform sampler2D u_normals1, u_normals2, u_normals3, u_normals4;
+#if CLIPS
+uniform sampler2D u_cuts1, u_cuts2, u_cuts3, u_cuts4;
+#endif
 uniform int u_mode, u_layers;
 uniform bool u_lit, u_mapped, u_opaque, u_ortho;
 uniform float u_far;
@@ -108,12 +115,12 @@ uniform ivec2 u_last;
 layout(location = 0) out vec4 color;
 layout(location = 1) out vec2 sums;  // Share of the mean sum of kernels; whether the opacity is to be kept.
 
-struct Layer { float depth, weight, alpha, cover, edge; int flags; bool far, one_body; vec3 color, normal; };
+struct Layer { float depth, weight, alpha, cover, edge; int flags; bool far, one_body; vec3 color, normal; vec4 cut; };
 
 Layer layers[4];
 int count = 0;
 
-void add_layer(vec2 surface, sampler2D nearest, sampler2D means, sampler2D colors, sampler2D normals) {
+void add_layer(vec2 surface, sampler2D nearest, sampler2D means, sampler2D colors, sampler2D normals, vec4 cut) {
   ivec2 at = ivec2(gl_FragCoord.xy);
   if (surface.x == 0.0) return;
   vec4 color = texelFetch(colors, at, 0);
@@ -132,6 +139,7 @@ void add_layer(vec2 surface, sampler2D nearest, sampler2D means, sampler2D color
   l.normal = normal.xyz;
   l.edge = 0.0;
   l.far = false;
+  l.cut = cut;
   int place = count++;
   for (; place > 0 && layers[place - 1].depth < l.depth; --place) layers[place] = layers[place - 1];
   layers[place] = l;
@@ -157,8 +165,9 @@ vec3 shade(Layer l) {
 }
 
 bool is_front(Layer l) { return (l.flags & 1) != 0; }
-#if SEVERAL
 bool is_filtered(Layer l) { return (l.flags & 2) != 0; }
+bool is_cut(Layer l) { return l.cut.y > 0.0; }
+#if SEVERAL
 // kRimDepth
 float rim_depth(Layer l) { return 0.02 * (u_ortho ? u_far - l.depth : l.depth); }
 bool is_near(Layer a, Layer b) { return abs(a.depth - b.depth) <= rim_depth(a); }
@@ -227,17 +236,74 @@ void look_around(inout Layer l, bool may_end, bool may_be_far) {
   }
 }
 
+// TileABuffer::full_weight_of()
+float full_weight(Layer l) {
+  float full = u_full + (u_edge_weight - u_full) * l.edge;
+  if (!is_cut(l)) return full;
+  float aligned = length(l.cut.zw) / l.cut.y;
+  float corner = clamp((l.weight / u_mean - 0.75) / 0.3, 0.0, 1.0) * clamp((aligned - 0.95) / -0.15, 0.0, 1.0);
+  float one_side = clamp((aligned - 0.4) / 0.55, 0.0, 1.0) * (1.0 - corner);
+  float uncut = l.weight + l.cut.x;
+  if (is_filtered(l)) uncut = clamp(uncut, u_mean * l.edge, u_mean);
+  return full + one_side * max(0.0, uncut - full);
+}
+
+// PartsBesideLines: what layers that end at lines cover together.
+float beside_coverage = 0.0;
+vec2 beside_outward;
+bool beside_front;
+float beside_lines(Layer l) {
+  vec2 outward = l.cut.zw / l.cut.y;
+  float independent = l.cover * (1.0 - beside_coverage);
+  if (beside_coverage == 0.0 || !(independent > 0.0)) {
+    if (beside_coverage == 0.0) {
+      beside_coverage = l.cover;
+      beside_outward = outward;
+      beside_front = is_front(l);
+    }
+    return 1.0;
+  }
+  float alike = clamp(dot(outward, beside_outward), -1.0, 1.0);
+  float beyond = is_front(l) == beside_front ? max(0.0, l.cover - beside_coverage) : 0.0;
+  float added = alike > 0.0 ? beyond : min(l.cover, 1.0 - beside_coverage);
+  float adds = independent + abs(alike) * (added - independent);
+  beside_coverage += adds;
+  return adds / independent;
+}
+
+// Pixels that PlainPixels resolves, which takes no back for the far side of a body.
+bool is_plain() {
+  float total = 0.0;
+  for (int i = 0; i < count; ++i) total += layers[i].weight;
+  bool loose_back = false;
+  bool rim = false;
+  bool beside_line = false;
+  for (int i = 0; i < count; ++i) {
+    Layer l = layers[i];
+    bool part = l.weight < full_weight(l);
+    bool grazing = (l.flags & 4) != 0;
+    bool loose = part || grazing;
+    if (is_filtered(l) && (l.weight < u_edge_weight || (total < 1.35 * u_mean && l.weight < u_mean))) return false;
+    if (beside_line && (is_cut(l) || !is_front(l))) return false;
+    if (is_front(l) ? loose_back && loose : l.weight < u_edge_weight || (grazing && (!part || rim))) return false;
+    if (!part) return true;
+    loose_back = !is_front(l) && loose;
+    rim = is_front(l) && part && grazing;
+    beside_line = beside_line || is_cut(l);
+  }
+  return true;
+}
+
 void find_edges() {
-  bool hidden = false;
+  bool hidden = u_opaque && count > 1 && is_plain();
   for (int i = 0; i < count; ++i) {
     Layer l = layers[i];
     // Opacities of single opaque surfaces are found later.
-    bool may_end = !(u_opaque && count == 1) && l.weight < u_edge_weight && is_filtered(l);
+    bool may_end = !(u_opaque && count == 1 && !is_cut(l)) && l.weight < u_edge_weight && is_filtered(l);
     bool may_be_far = !hidden && u_opaque && count > 1 && !is_front(l);
     hidden = hidden || (u_opaque && l.weight >= u_edge_weight && is_front(l));
     if (u_layers > 1 && (may_end || may_be_far)) look_around(layers[i], may_end, may_be_far);
-    float full = u_full + (u_edge_weight - u_full) * layers[i].edge;
-    layers[i].cover = min(1.0, l.weight / full);
+    layers[i].cover = min(1.0, l.weight / full_weight(layers[i]));
     layers[i].one_body = false;
   }
 }
@@ -271,6 +337,7 @@ void order_by_sight() {
 }
 
 // Parts of one surface that come as several layers cover the pixel by their sums.
+bool is_part(Layer l) { return is_filtered(l) && !is_cut(l); }
 void share_by_sums() {
   if (!u_opaque || count < 2) return;
   float total = 0.0;
@@ -282,9 +349,9 @@ void share_by_sums() {
     float sum = layers[first].weight;
     float open = 1.0 - layers[first].cover;
     int end = first + 1;
-    if (is_filtered(layers[first]) && sum < whole) {
+    if (is_part(layers[first]) && sum < whole) {
       for (; end < count; ++end) {
-        bool follows = is_filtered(layers[end]) && is_near(layers[end - 1], layers[end]) &&
+        bool follows = is_part(layers[end]) && is_near(layers[end - 1], layers[end]) &&
                        is_front(layers[end]) == is_front(layers[end - 1]);
         if (!follows || sum + layers[end].weight >= several) break;
         sum += layers[end].weight;
@@ -311,19 +378,19 @@ void main() {
   vec4 s1 = texelFetch(u_surfaces1, ivec2(gl_FragCoord.xy), 0);
   color = vec4(0);
   sums = vec2(0);
-  add_layer(s1.xy, u_nearest1, u_means1, u_colors1, u_normals1);
+  add_layer(s1.xy, u_nearest1, u_means1, u_colors1, u_normals1, ${cutOf(1, clips)});
 #if SEVERAL
   vec4 s2 = texelFetch(u_surfaces2, ivec2(gl_FragCoord.xy), 0);
-  if (u_layers > 1) add_layer(s1.zw, u_nearest2, u_means2, u_colors2, u_normals2);
-  if (u_layers > 2) add_layer(s2.xy, u_nearest3, u_means3, u_colors3, u_normals3);
-  if (u_layers > 3) add_layer(s2.zw, u_nearest4, u_means4, u_colors4, u_normals4);
+  if (u_layers > 1) add_layer(s1.zw, u_nearest2, u_means2, u_colors2, u_normals2, ${cutOf(2, clips)});
+  if (u_layers > 2) add_layer(s2.xy, u_nearest3, u_means3, u_colors3, u_normals3, ${cutOf(3, clips)});
+  if (u_layers > 3) add_layer(s2.zw, u_nearest4, u_means4, u_colors4, u_normals4, ${cutOf(4, clips)});
 #endif
   if (count == 0) return;
   vec2 sides = vec2(0);
   bool kept = false;
   for (int i = 0; i < count; ++i) {
     sides += layers[i].weight * vec2(!is_front(layers[i]), is_front(layers[i]));
-    kept = kept || (layers[i].flags & 16) == 0;
+    kept = kept || (layers[i].flags & 16) == 0 || (is_cut(layers[i]) && !is_filtered(layers[i]));
   }
 #if SEVERAL
   find_edges();
@@ -342,7 +409,9 @@ void main() {
     float transmitted = 1.0 - color.a;
     float cover = l.cover;
     vec4 shown = cover * l.alpha * vec4(shade(l), 1);
+    float beside = is_cut(l) ? beside_lines(l) : 1.0;
     if (is_front(l)) {
+      shown *= beside;
       bool another = back > 0.0 || front >= 1.0;
       if (another || front == 0.0) before = transmitted;
       front = another ? cover : front + (1.0 - front) * cover;
@@ -354,6 +423,8 @@ void main() {
       bool rim = last_front >= 0 && front_color.a > 0.0 && (l.far || at_rims(layers[last_front], l));
       if (rim) one_body = 1.0;
       float independent = cover * transmitted;
+      float all = 1.0;
+      vec4 mixed = shown;
       if (front > 0.0 && independent > 0.0) {
         if (back == 0.0) after = transmitted;
         float joint = back + (1.0 - back) * cover;
@@ -361,13 +432,14 @@ void main() {
         float hidden = (cover - beyond) * (1.0 - (1.0 - after / before) / front);
         back = joint;
         float share = min(1.0, (beyond + hidden) * before / independent);
-        float all = 1.0 + one_body * (share - 1.0);
+        all = 1.0 + one_body * (share - 1.0);
         float others = min(all, one_body * beyond * before / independent);
         if (joint >= 1.0) front = back = 0.0;
         float own = rim ? all - others : all;
-        vec3 mixed = own * shown.rgb + (rim ? others * shown.a / front_color.a : 0.0) * front_color.rgb;
-        shown = vec4(mixed, all * shown.a);
+        mixed.rgb = own * shown.rgb + (rim ? others * shown.a / front_color.a : 0.0) * front_color.rgb;
+        mixed.a = all * shown.a;
       }
+      shown = is_cut(l) && beside < all ? shown * beside : mixed;
     }
     color += transmitted * shown;
   }

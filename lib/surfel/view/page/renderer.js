@@ -13,8 +13,11 @@ const kListWidth = 2048;
 /** Pixels along a side of a tile; kTilesFragment has it, too. */
 const kTile = 8;
 
-/** Layers whose mean depths are found. */
-const kMeans = 2;
+/** Layers whose mean depths are found: the fourth one takes what is left, whatever its depth is. */
+const kMeans = 3;
+
+/** Argument of Phi from which on something of a kernel is left beside a line. */
+const kLeastClip = -3.09023;
 
 /** Pixels of which four layers take half a gigabyte. */
 const kManyPixels = 3e6;
@@ -29,8 +32,11 @@ function isSoftware(gl) {
 }
 
 export class Renderer {
-  /** Throws where the browser lacks what is needed, with a message for the reader. */
-  constructor(canvas) {
+  /**
+   * Throws where the browser lacks what is needed, with a message for the reader.
+   * @param clips  whether half-planes cut surfels of some cloud.
+   */
+  constructor(canvas, clips) {
     const gl = canvas.getContext('webgl2', { antialias: false, alpha: false, depth: false });
     if (!gl) {
       throw new Error('This browser offers no WebGL2, which the page draws with. Browsers of 2022 and later have it; in older ones, and in virtual machines, it may be switched off.');
@@ -40,25 +46,22 @@ export class Renderer {
     }
     this.gl = gl;
     this.canvas = canvas;
+    this.clips = clips;
     this.sumFormat = gl.getExtension('EXT_float_blend') ? gl.RGBA32F : gl.RGBA16F;
     this.weights = new Weights(1, 1);
     this.software = isSoftware(gl);
     // Without a graphics processor vertices cost most, and points have a quarter of them.
     this.points = this.software && gl.getParameter(gl.ALIASED_POINT_SIZE_RANGE)[1] >= 512;
-    // Layers whose attributes a pass sums up. All browsers can write into 4 textures at once.
-    const most = Math.min(gl.getParameter(gl.MAX_DRAW_BUFFERS), gl.getParameter(gl.MAX_COLOR_ATTACHMENTS));
-    this.atOnce = most >= 8 ? 4 : 2;
-    const splats = (attributes, fragment) => new Program(gl, shaders.splatVertex(attributes), fragment);
+    // Textures that a pass writes into.
+    this.mostTextures = Math.min(8, gl.getParameter(gl.MAX_DRAW_BUFFERS), gl.getParameter(gl.MAX_COLOR_ATTACHMENTS));
+    this.splatPrograms = new Map();
     const screen = (fragment) => new Program(gl, pictures.kScreenVertex, fragment);
-    this.nearest = splats(false, shaders.kNearestFragment);
-    this.mean = splats(false, shaders.kMeanFragment);
-    this.sum = [];
-    for (let count = 1; count <= this.atOnce; ++count) this.sum.push(splats(true, shaders.sumFragment(count)));
     this.open = screen(pictures.kOpenFragment);
     this.findTiles = screen(pictures.kTilesFragment);
     this.surfaces = screen(pictures.kSurfacesFragment);
     this.composite = screen(pictures.compositeFragment(false));
     this.compositeSeveral = screen(pictures.compositeFragment(true));
+    if (clips) this.compositeCuts = screen(pictures.compositeFragment(true, true));
     this.compositeTiles = new Program(gl, pictures.kTileVertex, pictures.compositeFragment(true));
     this.sums = screen(pictures.kSumsFragment);
     this.columns = screen(pictures.kColumnsFragment);
@@ -67,11 +70,32 @@ export class Renderer {
     this.makeQuads();
     this.sharpen = this.texture(gl.R32F, 513, 1, this.weights.sharpen);
     this.nothing = this.texture(gl.R32F, 1, 1, new Float32Array([1]));
+    this.noClips = this.texture(gl.RG32UI, 1, 1);
     this.noShading = this.texture(gl.R32UI, 1, 1, new Uint32Array([0]));
     this.list = this.texture(gl.RG32UI, kListWidth, 1);
     this.listRows = 1;
     this.maps = new Map();
     this.size = [0, 0];
+  }
+
+  /** The programs that draw splats, with or without half-planes that cut them. */
+  splats(clips) {
+    if (!this.splatPrograms.has(clips)) {
+      const program = (attributes, fragment) => new Program(this.gl, shaders.splatVertex(attributes, clips), fragment);
+      const sum = [];
+      for (let count = 1; count <= this.atOnce(clips); ++count) sum.push(program(true, shaders.sumFragment(count, clips)));
+      this.splatPrograms.set(clips, {
+        nearest: program(false, shaders.nearestFragment(clips)),
+        mean: program(false, shaders.meanFragment(clips)),
+        sum,
+      });
+    }
+    return this.splatPrograms.get(clips);
+  }
+
+  /** Layers whose attributes a pass sums up. All browsers can write into 4 textures at once. */
+  atOnce(clips) {
+    return Math.min(4, Math.floor(this.mostTextures / shaders.texturesOf(clips)));
   }
 
   texture(format, width, height, data = null) {
@@ -150,16 +174,18 @@ export class Renderer {
     this.layers = Array.from({ length: this.mostLayers(width * height) }, () => {
       const layer = { nearest: make(gl.RGBA32F) };
       for (const name of ['means', 'colors', 'normals']) layer[name] = make(this.sumFormat);
+      if (this.clips) layer.cuts = make(this.sumFormat);
       layer.visibility = this.target([layer.nearest], this.depth);
       layer.mean = this.target([layer.means], this.depth);
       return layer;
     });
-    // By the first layer and their number.
-    this.attributes = this.layers.map((_, first) =>
-      this.sum.map((_, last) => {
-        const layers = this.layers.slice(first, first + last + 1);
-        return this.target(layers.flatMap((l) => [l.colors, l.normals]), this.depth);
-      }));
+    // By whether half-planes cut surfels, the first layer and their number.
+    this.attributes = [false, true].slice(0, this.clips ? 2 : 1).map((clips) =>
+      this.layers.map((_, first) =>
+        this.splats(clips).sum.map((_, last) => {
+          const layers = this.layers.slice(first, first + last + 1);
+          return this.target(layers.flatMap((l) => [l.colors, l.normals, ...(clips ? [l.cuts] : [])]), this.depth);
+        })));
     this.tiles = [width, height].map((side) => Math.ceil(side / kTile));
     this.openTiles = this.texture(gl.R8, ...this.tiles);
     this.textures.push(this.openTiles);
@@ -174,7 +200,7 @@ export class Renderer {
       return { texture, frame: this.target([texture]) };
     });
     this.frames = [
-      ...this.layers.flatMap((l) => [l.visibility, l.mean]), ...this.attributes.flat(), this.tiled, this.paired, this.composed,
+      ...this.layers.flatMap((l) => [l.visibility, l.mean]), ...this.attributes.flat(2), this.tiled, this.paired, this.composed,
       ...this.planes.map((p) => p.frame),
     ];
   }
@@ -225,15 +251,19 @@ export class Renderer {
       uniforms[`u_means${i + 1}`] = layers > 1 && i < kMeans ? layer.means : this.nothing;
       uniforms[`u_colors${i + 1}`] = layer.colors;
       uniforms[`u_normals${i + 1}`] = layer.normals;
+      uniforms[`u_cuts${i + 1}`] = layer.cuts;
     }
     uniforms.u_layers = layers;
+    // Without other surfaces behind discs end at their lines.
+    uniforms.u_least_clip = layers > 1 ? kLeastClip : 0;
     this.putList(drawn);
-    for (let i = 0; i < layers; ++i) this.findLayer(i, layers, drawn, uniforms);
-    this.sumLayers(layers, drawn, uniforms);
+    const clips = cloud.clips !== null;
+    for (let i = 0; i < layers; ++i) this.findLayer(i, layers, drawn, uniforms, this.splats(clips));
+    this.sumLayers(layers, drawn, uniforms, clips);
     this.fill(this.surfaces, this.paired, uniforms);
     [uniforms.u_surfaces1, uniforms.u_surfaces2] = this.pairs;
     uniforms.u_sums = this.sumsOfSides;
-    this.compose(layers, uniforms);
+    this.compose(layers, uniforms, clips);
     if (!view.fast && layers > 1) this.findEdges(uniforms);
     this.finish(uniforms, view, x0, x1);
     gl.disable(gl.SCISSOR_TEST);
@@ -293,6 +323,8 @@ export class Renderer {
       u_first: cloud.first,
       u_second: cloud.second,
       u_shading: cloud.shading ?? this.noShading,
+      u_clips: cloud.clips ?? this.noClips,
+      u_beyond_growth: 0.1, // beyond_growth() at cutoff 1.
       u_table: cloud.table,
       u_cutoff: 1,
       u_two_c: 2,
@@ -330,7 +362,7 @@ export class Renderer {
    * Visibility and mean depth of a layer: of the surfaces that those before do not hold. Layers after kMeans are only
    * told by their nearest fragments.
    */
-  findLayer(number, layers, drawn, uniforms) {
+  findLayer(number, layers, drawn, uniforms, programs) {
     const { gl } = this;
     const layer = this.layers[number];
     const values = { ...uniforms, u_layer: number, u_nearest: layer.nearest, u_takes_rest: number > 0 && number + 1 === layers, };
@@ -343,26 +375,28 @@ export class Renderer {
     gl.clearBufferfv(gl.DEPTH, 0, [0]);
     gl.enable(gl.DEPTH_TEST);
     gl.depthFunc(gl.GREATER);
-    this.drawSplats(this.nearest, values, drawn);
+    this.drawSplats(programs.nearest, values, drawn);
     gl.disable(gl.DEPTH_TEST);
     if (layers > 1 && number < kMeans) {
       gl.bindFramebuffer(gl.FRAMEBUFFER, layer.mean);
       gl.clearBufferfv(gl.COLOR, 0, [0, 0, 0, 0]);
-      this.addSplats(this.mean, values, drawn);
+      this.addSplats(programs.mean, values, drawn);
     }
     gl.disable(gl.STENCIL_TEST);
   }
 
   /** Attributes of all layers. The stencil holds the number of the last one that a pixel may have. */
-  sumLayers(layers, drawn, uniforms) {
+  sumLayers(layers, drawn, uniforms, clips) {
     const { gl } = this;
-    for (let first = 0; first < layers; first += this.atOnce) {
-      const count = Math.min(this.atOnce, layers - first);
-      gl.bindFramebuffer(gl.FRAMEBUFFER, this.attributes[first][count - 1]);
-      for (let i = 0; i < 2 * count; ++i) gl.clearBufferfv(gl.COLOR, i, [0, 0, 0, 0]);
+    const { sum } = this.splats(clips);
+    const atOnce = this.atOnce(clips);
+    for (let first = 0; first < layers; first += atOnce) {
+      const count = Math.min(atOnce, layers - first);
+      gl.bindFramebuffer(gl.FRAMEBUFFER, this.attributes[Number(clips)][first][count - 1]);
+      for (let i = 0; i < shaders.texturesOf(clips) * count; ++i) gl.clearBufferfv(gl.COLOR, i, [0, 0, 0, 0]);
       if (first > 0) gl.enable(gl.STENCIL_TEST);
       gl.stencilFunc(gl.LEQUAL, first, 255);
-      this.addSplats(this.sum[count - 1], { ...uniforms, u_from: first }, drawn);
+      this.addSplats(sum[count - 1], { ...uniforms, u_from: first }, drawn);
       gl.disable(gl.STENCIL_TEST);
     }
   }
@@ -388,8 +422,12 @@ export class Renderer {
   }
 
   /** Pixels of several layers, and edges of transparent surfaces, take a longer program. */
-  compose(layers, uniforms) {
+  compose(layers, uniforms, clips) {
     const { gl } = this;
+    if (layers > 1 && clips) {
+      this.fill(this.compositeCuts, this.composed, uniforms);
+      return;
+    }
     if (layers > 1 && !uniforms.u_opaque) {
       this.fill(this.compositeSeveral, this.composed, uniforms);
       return;

@@ -9,12 +9,34 @@ precision highp sampler2D;
 precision highp usampler2D;
 `;
 
+/** Phi, the normal distribution's cumulative function, and where what half-planes leave is all or nothing. */
+const kPhi = `
+const float kLeastShare = 1e-3;
+const float kWhole = 4.0;
+float normal_cdf(float z) {
+  float x = clamp(z, -4.0, 4.0);
+  float y = x * x;
+  float p = 9.26824375e-11;
+  p = p * y - 7.83297548e-9;
+  p = p * y + 2.95175639e-7;
+  p = p * y - 6.65088957e-6;
+  p = p * y + 0.000101978877;
+  p = p * y - 0.00114901053;
+  p = p * y + 0.00991699387;
+  p = p * y - 0.0664573931;
+  p = p * y + 0.398939041;
+  return p * x + 0.5;
+}
+`;
+
 /**
  * What surfels are to the screen: a quad around each one's kernel, or a point as large.
  * @param attributes  whether colours and normals are wanted.
+ * @param clips       whether half-planes may cut surfels.
  */
-export const splatVertex = (attributes) => `${kHead}
+export const splatVertex = (attributes, clips) => `${kHead}
 #define ATTRIBUTES ${attributes ? 1 : 0}
+#define CLIPS ${clips ? 1 : 0}
 layout(location = 0) in uvec2 a_cluster;  // Slot, and how many of its surfels are drawn.
 
 uniform usampler2D u_list;  // The same of all clusters, for points.
@@ -39,6 +61,14 @@ uniform float u_far;       // Of orthographic views: behind all surfels. Depths 
 flat out vec4 v_place;  // Centre, pixels; amplitude; flags.
 flat out vec4 v_a, v_b, v_c;
 flat out vec2 v_more;  // Variance of the pixel filter of exact kernels; alpha.
+#if CLIPS
+uniform usampler2D u_clips;
+uniform float u_beyond_growth;
+// SplatClip: of both half-planes the argument of Phi at the centre, and what it gains with a pixel; of exact kernels the
+// distance and the weighed direction. Then the joint share, and what counts beyond.
+flat out vec4 v_line1, v_line2;
+flat out vec4 v_outward;
+#endif
 #if ATTRIBUTES
 flat out vec4 v_color;  // Times alpha.
 flat out vec3 v_normal;
@@ -66,6 +96,75 @@ vec3 linear_of(vec3 code) {
   return mix(code / 12.92, pow((code + 0.055) / 1.055, vec3(2.4)), step(0.04045, code));
 }
 
+#if CLIPS
+${kPhi}
+// A half-plane: half_plane_cuts-inl.h and clip_kernel.h of surfel-render have the functions below.
+struct Line { bool cuts; vec3 direction; float distance; vec2 w, across, outward; float inv_s; };
+
+// weight_of_correlation()
+float weight_of_correlation(float r) { return 2.0 / kPi * asin(clamp(r, -1.0, 1.0)); }
+
+// outward_on_screen()
+vec2 outward_of(Line l, vec3 n, vec3 p) {
+  vec3 along = cross(n, l.direction);
+  vec3 plane = u_ortho ? vec3(along.y, -along.x, 0) : cross(along, p + l.distance * l.direction);
+  vec2 outward = plane.xy / u_focal;
+  float size = length(outward);
+  if (!(size > 0.0)) return vec2(0);
+  return outward * ((dot(plane, l.direction) < 0.0 ? -1.0 : 1.0) / size);
+}
+
+// make_exact_clip()
+void put_exact_lines(Line lines[2]) {
+  int first = lines[0].cuts ? 0 : 1;
+  v_line1.xyz = vec3(lines[first].distance, lines[first].w);
+  v_outward.xy = lines[first].outward;
+  if (!lines[0].cuts || !lines[1].cuts) return;
+  v_line2.xyz = vec3(lines[1].distance, lines[1].w);
+  v_outward.zw = lines[1].outward;
+  v_line1.w = weight_of_correlation(dot(lines[0].outward, lines[1].outward));
+}
+
+// cuts(); false where nothing is left.
+bool put_lines(Line lines[2], vec2 t, vec2 b, float det_A) {
+  float size2 = dot(t, t) + dot(b, b);
+  float h2 = max(u_lowpass2, 1e-8 * size2);
+  float inv_det = 1.0 / (det_A * det_A + h2 * (size2 + h2));
+  vec3 arguments[2];
+  float beyond = 1.0;
+  for (int j = 0; j < 2; ++j) {
+    if (!lines[j].cuts) continue;
+    vec2 w = lines[j].w;
+    vec2 across = w.x * b - w.y * t;
+    float all = dot(w, w);
+    float variance = h2 * inv_det * (h2 * all + dot(across, across));
+    float inv_s = inversesqrt(variance);
+    float z = lines[j].distance * inv_s;
+    vec2 a = w.x * t + w.y * b;
+    arguments[j] = vec3(z, -inv_det * inv_s * (h2 * a + det_A * vec2(across.y, -across.x)));
+    float reach = inv_s * sqrt(u_two_c * max(0.0, all - variance));
+    lines[j].cuts = z - reach < 3.1;
+    if (lines[j].cuts && z + reach < -3.1) return false;
+    lines[j].across = across;
+    lines[j].inv_s = inv_s;
+    if (!lines[j].cuts) continue;
+    float q = variance / all;
+    beyond = max(beyond, 1.0 + q * q * (u_beyond_growth + 1.4 * q * q * q * q * q * q));
+  }
+  if (!lines[0].cuts && !lines[1].cuts) return true;
+  int first = lines[0].cuts ? 0 : 1;
+  v_line1.xyz = arguments[first];
+  v_outward.xy = lines[first].outward;
+  v_line2.w = beyond;
+  if (!lines[0].cuts || !lines[1].cuts) return true;
+  v_line2.xyz = arguments[1];
+  v_outward.zw = lines[1].outward;
+  float covariance = h2 * inv_det * (h2 * dot(lines[0].w, lines[1].w) + dot(lines[0].across, lines[1].across));
+  v_line1.w = weight_of_correlation(covariance * lines[0].inv_s * lines[1].inv_s);
+  return true;
+}
+#endif
+
 void main() {
   gl_Position = vec4(2, 2, 2, 1);
   gl_PointSize = 0.0;
@@ -91,8 +190,10 @@ void main() {
   float area = exp2(t2.x + t2.y * float(second.x & 0xffffu)) * u_growth;
   float least = t3.x > 0.0 ? sqrt(u_covering * area) : 0.0;
   float grown = sqrt(u_growth);
-  float s_u = max(exp2(t0.w + t1.w * float(first.y >> 16)) * grown, least);
-  float s_v = max(exp2(t0.w + t1.w * float(second.x >> 16)) * grown, least);
+  float stored_u = exp2(t0.w + t1.w * float(first.y >> 16));
+  float stored_v = exp2(t0.w + t1.w * float(second.x >> 16));
+  float s_u = max(stored_u * grown, least);
+  float s_v = max(stored_v * grown, least);
 
   vec3 p = u_rotation * world + u_translation;
   vec3 world_normal = direction(first.z);
@@ -116,19 +217,82 @@ void main() {
   vec2 per_unit = u_focal * inv_z;
   vec2 Jt = per_unit * s_u * (t.xy - slope * t.z);
   vec2 Jb = per_unit * s_v * (b.xy - slope * b.z);
+  float deviation = max(s_u, s_v);
+  float share = 1.0;
+  float stretch = 1.0;
+  vec2 moved = vec2(0);
+#if CLIPS
+  Line lines[2];
+  vec2 whole_t = Jt;
+  vec2 whole_b = Jb;
+  {
+    uvec2 codes = texelFetch(u_clips, at, 0).xy;
+    vec3 a = known ? any_tangent(world_normal) : vec3(0);
+    vec3 across = cross(world_normal, a);
+    for (int j = 0; j < 2; ++j) {
+      uint code = j == 0 ? codes.x : codes.y;
+      Line l;
+      l.cuts = known && code >> 16 != 0xffffu;
+      float turn = float(code & 0xffffu) * (2.0 * kPi / 65536.0);
+      l.direction = u_rotation * (cos(turn) * a + sin(turn) * across);
+      l.distance = (float(code >> 16) / 32767.0 - 1.0) * 8.0 * max(stored_u, stored_v);
+      l.w = vec2(dot(l.direction, t) * s_u, dot(l.direction, b) * s_v);
+      lines[j] = l;
+    }
+    // Cut Gaussians that are smaller than the pixel filter are taken for whole ones with their volume, mean and variance:
+    // cut_filtered().
+    float seen = max(u_focal.x, u_focal.y) * inv_z * deviation;
+    if (seen * seen < u_lowpass2 && (lines[0].cuts || lines[1].cuts)) {
+      vec2 mean = vec2(0);
+      float uu = 1.0;
+      float uv = 0.0;
+      float vv = 1.0;
+      float det = 1.0;
+      for (int j = 0; j < 2; ++j) {
+        if (!lines[j].cuts) continue;
+        lines[j].cuts = false;
+        vec2 w = lines[j].w;
+        vec2 c = vec2(uu * w.x + uv * w.y, uv * w.x + vv * w.y);
+        float inv_s = inversesqrt(dot(w, c));
+        float alpha = (lines[j].distance - dot(w, mean)) * inv_s;
+        if (!(alpha < 3.1)) continue;
+        if (alpha < -3.1) return;
+        float left = max(normal_cdf(alpha), kLeastShare);
+        float lambda = 0.398942280401 * exp(-0.5 * alpha * alpha) / left;
+        float lost = min(lambda * (lambda + alpha), 0.99);
+        vec2 e = c * inv_s;
+        share *= left;
+        mean -= lambda * e;
+        uu -= lost * e.x * e.x;
+        uv -= lost * e.x * e.y;
+        vv -= lost * e.y * e.y;
+        det -= lost * det;
+      }
+      if (share < kLeastShare) return;
+      float l_uu = sqrt(uu);
+      float l_vv = sqrt(det) / l_uu;
+      moved = mean.x * Jt + mean.y * Jb;
+      Jt = l_uu * Jt + uv / l_uu * Jb;
+      Jb = l_vv * Jb;
+      stretch = l_uu * l_vv;
+    }
+  }
+#endif
   float xx = Jt.x * Jt.x + Jb.x * Jb.x;
   float yy = Jt.y * Jt.y + Jb.y * Jb.y;
   float h2 = u_lowpass2;
   vec3 Sigma = vec3(xx + h2, Jt.x * Jt.y + Jb.x * Jb.y, yy + h2);
   float n_ray = dot(n, vec3(slope, 1));
   float det_J = per_unit.x * per_unit.y * abs(n_ray);
-  float det_JV = det_J * s_u * s_v;
+  float det_JV = det_J * s_u * s_v * stretch;
+#if CLIPS
+  float det_A = per_unit.x * per_unit.y * n_ray * s_u * s_v;
+#endif
   float det = det_JV * det_JV + h2 * (xx + yy + h2);
 
   float n_p = u_ortho ? n.z : dot(n, p);
   float cosine = abs(n_p) / distance;
   float inv_cosine = 1.0 / max(cosine, 0.1);
-  float deviation = max(s_u, s_v);
   float pixel = sqrt(h2) / min(u_focal.x, u_focal.y);
   float radius = sqrt(u_two_c) * deviation;
 
@@ -138,6 +302,11 @@ void main() {
   float depth_extent = radius * sqrt(max(0.0, 1.0 - n.z * n.z));
   bool in_front = p.z - depth_extent > 0.0;
   if (u_ortho && !in_front) return;
+#if CLIPS
+  v_line1 = vec4(1e18, 0, 0, 0);
+  v_line2 = vec4(1e18, 0, 0, 1);
+  v_outward = vec4(0);
+#endif
   bool exact = !u_ortho && !(in_front && sqrt(size2) * depth_extent <= u_tolerance * (p.z - depth_extent));
 
   float alpha = float(first.w >> 24) / 255.0;
@@ -152,16 +321,19 @@ void main() {
     float diagonal2 = dot(reach, reach);
     float flags = front + grazing + (diagonal2 < 4.0 * u_two_c * h2 ? 2.0 : 0.0) +
                   (diagonal2 < 20.0 * u_two_c * h2 ? 16.0 : 0.0);
-    float amplitude = area / (2.0 * kPi) * det_J * inversesqrt(det);
+    float amplitude = area / (2.0 * kPi) * det_J * inversesqrt(det) * share;
     if (!(amplitude > 1e-15)) return;
     float inv_np = 1.0 / (n_p < 0.0 ? min(n_p, -1e-3 * distance) : max(n_p, 1e-3 * distance));
     float on_plane = pixel * (u_ortho ? 1.0 : p.z) * inv_cosine;
     float footprint = sqrt(u_two_c * (deviation * deviation + on_plane * on_plane));
-    v_place = vec4(center, amplitude, flags);
+    v_place = vec4(center + moved, amplitude, flags);
     v_a = vec4(Sigma.y / Sigma.z, 0.5 * Sigma.z / det, 0.5 / Sigma.z, footprint * inv_z * inv_z);
     v_b = vec4(u_ortho ? u_far - p.z : inv_z, n.xy * inv_np / u_focal, 0);
+    v_b.x += dot(v_b.yz, moved);
     v_c = vec4(0);
     v_more = vec2(0, alpha);
+    lo += moved;
+    hi += moved;
   } else {
     if (!(cosine > 1e-6)) return;
     // Bounds of the disc's projection: the lines through the eye that touch it (Sigg et al. 2006).
@@ -202,6 +374,18 @@ void main() {
     v_c = vec4(dot(plane, ray), plane.xy / u_focal, u_two_c * deviation * deviation);
     v_more = vec2(on_pixel * on_pixel, alpha);
   }
+#if CLIPS
+  if (lines[0].cuts || lines[1].cuts) {
+    for (int j = 0; j < 2; ++j) {
+      if (lines[j].cuts) lines[j].outward = outward_of(lines[j], n, p);
+    }
+    if (exact) {
+      put_exact_lines(lines);
+    } else if (!put_lines(lines, whole_t, whole_b, det_A)) {
+      return;
+    }
+  }
+#endif
 
 #if ATTRIBUTES
   vec3 code = vec3(first.w & 255u, first.w >> 8 & 255u, first.w >> 16 & 255u) / 255.0;
@@ -232,12 +416,33 @@ void main() {
 }
 `;
 
-const kSample = `
+const sampleOf = (clips) => `
+#define CLIPS ${clips ? 1 : 0}
 flat in vec4 v_place, v_a, v_b, v_c;
 flat in vec2 v_more;
 uniform float u_cutoff, u_epsilon, u_lowpass2;
 
 struct Sample { float beta, depth, epsilon, amplitude, center; };
+
+#if CLIPS
+${kPhi}
+flat in vec4 v_line1, v_line2, v_outward;
+uniform float u_least_clip;
+vec2 arguments = vec2(kWhole);  // Of Phi.
+bool has_two_lines() { return v_line2.x < 1e17; }
+
+float share_of(float z) { return z >= kWhole ? 1.0 : normal_cdf(z); }
+vec3 shares() {  // Of both lines together, and of each.
+  vec3 s = vec3(0, share_of(arguments.x), share_of(arguments.y));
+  float both = s.y * s.z;
+  float bound = v_line1.w > 0.0 ? min(s.y, s.z) : max(0.0, s.y + s.z - 1.0);
+  s.x = both + abs(v_line1.w) * (bound - both);
+  return s;
+}
+float left() { return v_line1.x < 1e17 ? shares().x : 1.0; }
+#else
+float left() { return 1.0; }
+#endif
 
 Sample splat() {
   vec2 d = gl_FragCoord.xy - v_place.xy;
@@ -249,6 +454,11 @@ Sample splat() {
     s.epsilon = v_a.w * u_epsilon;
     s.amplitude = v_place.z;
     s.center = v_b.x;
+#if CLIPS
+    arguments.x = v_line1.x + dot(v_line1.yz, d);
+    arguments.y = v_line2.x + dot(v_line2.yz, d);
+    if (min(arguments.x, arguments.y) < u_least_clip) s.beta = 1e30;
+#endif
     return s;
   }
   // SS01 (8): the projection is linearised where the pixel's ray meets the plane.
@@ -268,6 +478,20 @@ Sample splat() {
   s.epsilon = u_epsilon * s.depth * sqrt(v_c.w * s.depth * s.depth + v_more.x);
   s.amplitude = v_place.z * inversesqrt(det);
   s.center = 2.0 / (1.0 / v_a.w + 1.0 / v_b.w);
+#if CLIPS
+  for (int j = 0; j < 2; ++j) {
+    vec3 line = j == 0 ? v_line1.xyz : v_line2.xyz;
+    if (line.x > 1e17) continue;
+    vec2 w = line.yz;
+    vec2 bend = w.x * dv - w.y * du;
+    float mean = filtered * dot(bend, skew) + dot(w, vec2(u, v));
+    vec2 c = w.x * du + w.y * dv;
+    float s2 = filtered * dot(c, c) + crossed * crossed * dot(w, w);
+    float deviation = sqrt(max(s2, 1e-8 * dot(w, w) * det) * det);
+    arguments[j] = (line.x * det - mean) / max(deviation, 1e-30);
+  }
+  if (min(arguments.x, arguments.y) < u_least_clip) s.beta = 1e30;
+#endif
   return s;
 }
 `;
@@ -317,7 +541,7 @@ bool is_behind(Sample s) {
 `;
 
 /** The visibility pass: the nearest fragment's depth, the flags of its splat, and its depth range. */
-export const kNearestFragment = `${kHead}${kSample}${kLayers}${kBehind}
+export const nearestFragment = (clips) => `${kHead}${sampleOf(clips)}${kLayers}${kBehind}
 uniform float u_depth_scale;
 layout(location = 0) out vec4 nearest;
 void main() {
@@ -334,7 +558,7 @@ void main() {
  * also what tells the sizes of splats: surfel-render has the flags of the splat that comes first, by its centre, which
  * outweighs all others here. Of other clouds rho times alpha.
  */
-export const kMeanFragment = `${kHead}${kSample}${kLayers}${kBehind}
+export const meanFragment = (clips) => `${kHead}${sampleOf(clips)}${kLayers}${kBehind}
 uniform sampler2D u_nearest;
 uniform bool u_takes_rest;  // The last layer holds all surfaces that are left.
 uniform vec2 u_outweigh;  // Exponent by depth range, and the largest one.
@@ -346,7 +570,7 @@ void main() {
   bool same_side = ((int(nearest.y) ^ int(v_place.w)) & 1) == 0;
   if (!u_takes_rest && (!same_side || s.depth + s.epsilon < nearest.x)) discard;
   if (!is_behind(s)) discard;
-  float rho = s.amplitude * exp(-s.beta);
+  float rho = s.amplitude * exp(-s.beta) * left();
   means = vec4(rho, rho * (1.0 - s.depth / nearest.x), rho * v_more.y, 0);
   if (u_opaque) {
     int flags = int(v_place.w);
@@ -357,15 +581,19 @@ void main() {
 }
 `;
 
+/** Textures that the sums of a layer take. */
+export const texturesOf = (clips) => (clips ? 3 : 2);
+
 const eachOf = (count, text) => Array.from({ length: count }, (_, i) => text(i)).join('');
 
 /** The attribute pass: sums over the fragments of some layers. */
-export const sumFragment = (count) => `${kHead}${kSample}${kLayers}
+export const sumFragment = (count, clips) => `${kHead}${sampleOf(clips)}${kLayers}
 uniform int u_layers, u_from;  // Layers that there are, and the first one that is summed up.
 flat in vec4 v_color;
 flat in vec3 v_normal;
-${eachOf(count, (i) => `layout(location = ${2 * i}) out vec4 colors${i};  // rho alpha colour; rho.
-layout(location = ${2 * i + 1}) out vec4 normals${i};  // rho normal; rho alpha.
+${eachOf(count, (i) => `layout(location = ${texturesOf(clips) * i}) out vec4 colors${i};  // rho alpha colour; rho.
+layout(location = ${texturesOf(clips) * i + 1}) out vec4 normals${i};  // rho normal; rho alpha.
+${clips ? `layout(location = ${3 * i + 2}) out vec4 cuts${i};` : ''}  // Sums of what half-planes cut off: kCutAway and on.
 `)}
 int taken = -1;
 bool done = false;
@@ -385,6 +613,18 @@ void main() {
   offer(3, u_nearest4, u_means4, s);
   if (taken < 0 || taken >= ${count}) discard;
   float rho = s.amplitude * exp(-s.beta);
+#if CLIPS
+  vec4 cut = vec4(0);
+  if (v_line1.x < 1e17 && min(arguments.x, arguments.y) < kWhole) {
+    vec3 share = shares();
+    cut.x = rho * (1.0 - share.x) * v_line2.w;
+    rho *= share.x;
+    vec2 partial = rho * (1.0 - share.yz);
+    cut.y = partial.x + partial.y;
+    cut.zw = partial.x * v_outward.xy + partial.y * v_outward.zw;
+  }
+${clips ? eachOf(count, (i) => `  cuts${i} = taken == ${i} ? cut : vec4(0);\n`) : ''}
+#endif
 ${eachOf(count, (i) => `  float rho${i} = taken == ${i} ? rho : 0.0;
   colors${i} = rho${i} * vec4(v_color.rgb, 1);
   normals${i} = rho${i} * vec4(v_normal, v_color.a);
