@@ -160,6 +160,38 @@ TEST(PixelExplanation, BlendsToThePixelOfAnABuffer) {
   }
 }
 
+TEST(PixelExplanation, BlendsToThePixelWhereAThinFrontLiesBeforeABack) {
+  SurfelCloud cloud;
+  const auto add = [&](const Vec3f& position, const Vec3f& normal, const Vec3f& color,
+                       float variance, float area) {
+    cloud.position.push_back(position);
+    cloud.normal.push_back(normal);
+    cloud.color.push_back(color);
+    cloud.variance.push_back(variance);
+    cloud.area.push_back(area);
+  };
+  // A wall whose back is seen, and discs before it whose kernels leave most of a pixel open.
+  for (int i = 0; i < 1600; ++i) {
+    const Vec3f place(static_cast<float>(i % 40) - 19.5F, static_cast<float>(i / 40) - 19.5F, 0);
+    add(place, -Vec3f::UnitZ(), Vec3f(0.9F, 0.2F, 0.1F), 1, 1);
+  }
+  for (int i = 0; i < 25; ++i) {
+    const Vec3f place(static_cast<float>(i % 5) * 8 - 16, static_cast<float>(i / 5) * 8 - 16, 3);
+    add(place, Vec3f::UnitZ(), Vec3f(0.1F, 0.2F, 0.9F), 8, 10);
+  }
+  RenderOptions options;
+  options.lit = false;
+  const Scene scene = default_scene();
+  RenderCloud surfels(cloud, {.places = true});
+  Renderer renderer(surfels, scene, options);
+  const auto all = expect_true(renderer, camera_of(surfels.extent()), "thin front");
+  const auto thin = [](const PixelExplanation& e) {
+    return e.layers.size() == 2 && e.layers[0].front && e.layers[0].share > 0.1 &&
+           e.layers[1].share > 0.1;
+  };
+  EXPECT_TRUE(std::any_of(all.begin(), all.end(), thin)) << "both are seen";
+}
+
 TEST(PixelExplanation, BlendsToThePixelWhereLinesCutSurfels) {
   SurfelCloud cloud = scene_of("sphere", 2000);
   for (std::size_t i = 0; i < cloud.size(); ++i) {

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include <surfel/render/pixel_probe.h>
+#include <surfel/render/plain_pixels.h>
 
 namespace surfel {
 namespace {
@@ -50,8 +51,9 @@ void PixelProbe::draw(const TileABuffer& tile, std::span<const TileJob> jobs,
   }
 }
 
-void PixelProbe::keep(const TileABuffer& tile) {
+void PixelProbe::keep(const TileABuffer& tile, bool plain) {
   kept_tile_ = tile;
+  plain_ = plain;
   kept_.assign(tile.data, tile.data + tile.layout.size());
 }
 
@@ -565,6 +567,14 @@ Rgba PixelProbe::resolved(std::span<const float> patch, const Fragment& behind,
   tile.data = state_.data();
   tile.shader = &unlit_;
   std::copy(patch.begin(), patch.end(), patch_of(tile));
+  if (plain_) {
+    // A back that covers the pixel is no far side here.
+    const PlainPixels plain = resolve_plain_pixels(tile, nullptr, {});
+    const std::uint32_t lone = plain.lone[static_cast<std::size_t>(pixel_) / kPatchPixels];
+    const bool waits = (lone >> (pixel_ % kPatchPixels) & 1U) != 0;
+    const auto place = static_cast<std::size_t>(pixel_);
+    if (plain.left[place] == 0 && !waits) return plain.color[place];
+  }
   OpenPixels open;
   const std::optional<PixelResult> result = resolve_pixel(tile, pixel_, behind, false, open);
   if (result) return result->color;

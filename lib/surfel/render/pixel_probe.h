@@ -46,7 +46,8 @@ class PixelProbe {
   void draw(const TileABuffer& tile, std::span<const TileJob> jobs, std::span<SplatLists> lists,
             int worker, Compositor::Worker& compositor);
   /// When all splats of the pixel's tile are drawn.
-  void keep(const TileABuffer& tile);
+  /// \param plain  Its plain pixels are resolved by resolve_plain_pixels().
+  void keep(const TileABuffer& tile, bool plain);
   /// When the tiles around are drawn as well.
   void resolve(const TileRims& rims, const Shader& shader);
   /// The pixel's colours, over nothing, before edges are filtered, before relief, and at last.
@@ -138,7 +139,8 @@ class PixelProbe {
   std::vector<std::vector<Member>> members_;  ///< By layer, as stored.
   std::vector<Response> responses_;           ///< Of three splats each.
   TileABuffer kept_tile_;
-  Array<float> kept_;  ///< kept_tile_'s fragments.
+  bool plain_ = false;  ///< Of keep().
+  Array<float> kept_;   ///< kept_tile_'s fragments.
   std::array<std::array<float, 4>, 3> stages_{};
   // Scratch.
   Array<float> state_, blank_;  ///< Aligned as rasterisers want it.

@@ -233,10 +233,11 @@ void Renderer::Impl::put(PixelResult result, const Shader& shader, int x, int y,
 /// `open`, and stores the tile's border for the pixels of other tiles that look at it.
 void Renderer::Impl::resolve(TileABuffer& tile, const Compositor::Worker* background,
                              OpenPixels& open, Image& image) {
-  if (probe && probe->meets(tile.x0, tile.y0)) probe->keep(tile);
+  const bool takes_plain = !options.aovs && !background && !tile.shader->has_environment();
+  if (probe && probe->meets(tile.x0, tile.y0)) probe->keep(tile, takes_plain);
   const Rgba behind = backdrop();
   std::optional<PlainPixels> plain;
-  if (!options.aovs && !background && !tile.shader->has_environment()) {
+  if (takes_plain) {
     plain = resolve_plain_pixels(tile, tile.shader->lighting(), behind);
   }
   rims.store(tile, plain ? plain->inside : TileInside::kNo);
