@@ -80,7 +80,7 @@ TEST(Previews, ShowVolumes) {
       EXPECT_LT(preview.image.pixel(0, 0)[3], 0.01F) << preview.caption;
     }
     const std::string& caption = previews.front().caption;
-    EXPECT_NE(caption.find("--transfer mr"), std::string::npos) << caption;
+    EXPECT_NE(caption.find("by the transfer function mr"), std::string::npos) << caption;
     EXPECT_EQ(caption.find("means of 2 x 2 x 2 voxels") != std::string::npos, most < 4096);
   }
 }

@@ -157,7 +157,7 @@ std::vector<Preview> of_volume(const std::string& path, const PreviewOptions& op
   std::vector<Preview> previews =
       of_gaussians(gaussians_of_volume(volume, function, path), options.size);
   std::string& caption = previews.front().caption;
-  caption += fmt::format("; as surfel-from-volume --transfer {} has it", name);
+  caption += fmt::format("; by the transfer function {}", name);
   if (edge > 1) caption += fmt::format(", means of {0} x {0} x {0} voxels", edge);
   return previews;
 }
