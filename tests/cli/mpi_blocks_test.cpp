@@ -68,7 +68,7 @@ TEST_F(MpiBlocks, ProcessorsMayDiffer) {
     alone.insert(alone.end(), {"-o", folder_ / "alone.ply"});
     ASSERT_EQ(run(alone).exit_code, 0);
     command.insert(command.end(), {"-o", out_});
-    const RunResult together = run_mixed({"sse4", "scalar"}, command);
+    const RunResult together = run_mixed({"avx2", "scalar"}, command);
     ASSERT_EQ(together.exit_code, 0) << together.errors;
     EXPECT_TRUE(read_text(out_) == read_text(folder_ / "alone.ply")) << name;
   }
