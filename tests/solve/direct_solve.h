@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/SparseCholesky>
+#include <cstdint>
 
 #include <gtest/gtest.h>
 #include <surfel/solve/symmetric_matrix.h>

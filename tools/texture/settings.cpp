@@ -17,8 +17,7 @@ namespace {
 void declare_systems(CLI::App& app, Settings& s) {
   app.option_defaults()->group("Systems of equations (--fit gram, render)");
   tool::add_choice(app, "--solver", s.fit.solver,
-                   {{"cg", FitSolver::kConjugateGradients},
-                    {"ceres", FitSolver::kCeres}},
+                   {{"cg", FitSolver::kConjugateGradients}, {"ceres", FitSolver::kCeres}},
                    "cg = preconditioned conjugate gradients; ceres = least squares by Ceres, to "
                    "compare with, for small systems");
   app.add_option("--tolerance", s.fit.tolerance,
