@@ -166,7 +166,7 @@ TEST(Orientation, PatchesAreOnePart) {
     const double x = 12 * static_cast<double>(patch % 18) + static_cast<double>(i % 5);
     const double y = 12 * static_cast<double>(patch / 18) + static_cast<double>(i / 5 % 5);
     position.emplace_back(Vec3d(x + noise(0), y + noise(1), noise(2)).cast<float>());
-    truth.emplace_back(0, 0, 1);
+    truth.push_back(Vec3f::UnitZ());
   }
   const Oriented found = orient(position, truth, by(Orientation::kMst));
   EXPECT_EQ(found.report.components, 1U);
