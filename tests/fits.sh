@@ -204,7 +204,6 @@ TEXT
   for value in 1e-3 1e-8; do option_row "\`--fit render --tolerance $value\`" --fit render --tolerance $value; done
   option_row '`--fit render --bounds 0,1`' --fit render --bounds 0,1
   option_row '`--fit render --refine-variance`' --fit render --refine-variance
-  option_row '`--fit render --solver ldlt`' --fit render --solver ldlt
   option_row '`--fit render --solver ceres`' --fit render --solver ceres
 }
 

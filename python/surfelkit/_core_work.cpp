@@ -177,7 +177,6 @@ void visit(Options& o, FitArguments& a) {
   o("exact", a.fit.exact);
   o("solver", a.fit.solver,
     {{"cg", FitSolver::kConjugateGradients},
-     {"ldlt", FitSolver::kLdlt},
      {"ceres", FitSolver::kCeres}});
   o("tolerance", a.fit.tolerance);
   o("lambda_", a.fit.lambda);

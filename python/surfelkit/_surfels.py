@@ -187,7 +187,7 @@ def fit_texture(
     wrap: "repeat", "mirror" or "clamp"; None: as the material says, else repeat.
     charts: kernels take no colour from beyond their chart.
     reconstruction, prefilter, max_aspect, exact: of the filter, see docs/texture.md.
-    solver ("cg", "ldlt", "ceres"), tolerance, lambda_, bounds: of fits other than "ewa"; points,
+    solver ("cg", "ceres"), tolerance, lambda_, bounds: of fits other than "ewa"; points,
         robust: of "render" alone.
     report: a dict that figures are added to: charts, without_uv, iterations, error and others.
     progress, threads: as estimate() has them.

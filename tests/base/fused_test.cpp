@@ -92,7 +92,7 @@ HWY_EXPORT(total);
 template <class Test>
 void for_each_target(const Test& test) {
   int tested = 0;
-  for (const std::int64_t target : {HWY_STATIC_TARGET, HWY_SSE4, HWY_AVX2, HWY_AVX3}) {
+  for (const std::int64_t target : {HWY_STATIC_TARGET, HWY_AVX2, HWY_AVX3}) {
     if ((hwy::SupportedTargets() & HWY_TARGETS & target) == 0) continue;
     hwy::SetSupportedTargetsForTest(target);
     test(std::string(hwy::TargetName(target)));

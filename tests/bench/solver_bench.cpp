@@ -16,7 +16,6 @@
 #include <surfel/base/parallel.h>
 #include <surfel/base/timing.h>
 #include <surfel/solve/conjugate_gradients.h>
-#include <surfel/solve/direct_solve.h>
 #include <surfel/solve/spectrum.h>
 
 #include "solve/test_systems.h"

@@ -89,7 +89,7 @@ TEST(Sweeps, OfNoNameAreAllThatMakeSense) {
   EXPECT_EQ(choose_sweeps({"layers"}, cloud)[0].name, "layers");
 }
 
-TEST(Sweeps, DirectSolversAreForSmallSystems) {
+TEST(Sweeps, CeresIsForSmallSystems) {
   const auto solvers = [](std::size_t surfels) {
     std::size_t count = 0;
     for (const Sweep& sweep : all_sweeps({.mesh = true, .surfels = surfels})) {
@@ -98,7 +98,7 @@ TEST(Sweeps, DirectSolversAreForSmallSystems) {
     }
     return count;
   };
-  EXPECT_EQ(solvers(20000), 2U);
+  EXPECT_EQ(solvers(20000), 1U);
   EXPECT_EQ(solvers(1000000), 0U);
 }
 

@@ -53,7 +53,6 @@ TEST_F(MpiBlocks, AnyNumberOfProcessesMakesTheSameBytes) {
     }
   };
   expect_same("surfel-estimate", {"--orient", "up", "--memory", "4M"});
-  expect_same("surfel-estimate", {"--orient", "mst", "--memory", "16M"});
   expect_same("surfel-estimate", {"--orient", "winding", "--memory", "64M"});
   expect_same("surfel-lod", {"--reduction", "9"});
 }
@@ -68,7 +67,7 @@ TEST_F(MpiBlocks, ProcessorsMayDiffer) {
     alone.insert(alone.end(), {"-o", folder_ / "alone.ply"});
     ASSERT_EQ(run(alone).exit_code, 0);
     command.insert(command.end(), {"-o", out_});
-    const RunResult together = run_mixed({"sse4", "scalar"}, command);
+    const RunResult together = run_mixed({"avx2", "scalar"}, command);
     ASSERT_EQ(together.exit_code, 0) << together.errors;
     EXPECT_TRUE(read_text(out_) == read_text(folder_ / "alone.ply")) << name;
   }
@@ -82,7 +81,6 @@ TEST_F(MpiBlocks, WorkThatIsKilledIsTakenUpByAnyNumberOfProcesses) {
     int first_write;  ///< Before which the first run is killed.
   };
   for (const Work& work : {Work{"surfel-estimate", {"--orient", "up", "--memory", "4M"}, 4},
-                           Work{"surfel-estimate", {"--orient", "mst", "--memory", "16M"}, 4},
                            Work{"surfel-lod", {"--reduction", "9"}, 9}}) {
     Words alone{tool(work.name), points_, "-o", folder_ / "alone.ply"};
     alone.insert(alone.end(), work.options.begin(), work.options.end());

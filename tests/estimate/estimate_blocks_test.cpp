@@ -297,46 +297,8 @@ SurfelCloud sorted_otherwise(const SurfelCloud& cloud) {
   return cloud.gathered(morton_order(mirrored));
 }
 
-TEST(EstimateBlocks, SidesAlongTheSurfaceAreOfTheWholeSurface) {
-  EstimateOptions options;
-  options.orientation.method = Orientation::kMst;
-  const SurfelCloud cloud = several_parts(1800);
-  expect_same(sorted_otherwise(cloud), options, {{700}, {1500, 1}});
-  options.orientation.method = Orientation::kOutward;
-  expect_same(sorted_otherwise(cloud), options, {{700}});
-  const SurfelCloud sphere = sorted_points("sphere", 3000);
-  Collector collector;
-  estimate_by_blocks(MemoryRanges(sphere), options, {.most_points = 300}, collector);
-  for (std::size_t i = 0; i < sphere.size(); ++i) {
-    ASSERT_GT(collector.surfels.normal[i].dot(sphere.normal[i]), 0) << i;
-  }
-}
-
-TEST(EstimateBlocks, ManySmallPartsAreJoinedAlike) {
-  // Patches so far apart that no point has its nearest ones in another.
-  SurfelCloud cloud;
-  for (std::uint64_t i = 0; i < 18 * 18 * 25; ++i) {
-    const auto noise = [&](std::uint64_t d) { return 0.2 * random_uniform(13, i, d); };
-    const std::uint64_t patch = i / 25;
-    const double x = 12 * static_cast<double>(patch % 18) + static_cast<double>(i % 5);
-    const double y = 12 * static_cast<double>(patch / 18) + static_cast<double>(i / 5 % 5);
-    cloud.position.emplace_back(Vec3d(x + noise(0), y + noise(1), noise(2)).cast<float>());
-  }
-  EstimateOptions options;
-  options.orientation.method = Orientation::kMst;
-  expect_same(sorted(cloud), options, {{1500}});
-}
-
 TEST(EstimateBlocks, SmallBlocksOfAnyOrderAreFinished) {
   expect_same(sorted_otherwise(several_parts(1800)), up(), {{250}});
-}
-
-TEST(EstimateBlocks, SidesAlongAnUnevenSurfaceAreOfTheWholeSurface) {
-  // A point far from all others leaves few cells of the curve for the rest, and a hole parts
-  // blocks.
-  EstimateOptions options;
-  options.orientation.method = Orientation::kMst;
-  expect_same(uneven_points(), options, {{900, 1}});
 }
 
 TEST(EstimateBlocks, AllNeighborhoodsAndSizesWork) {
@@ -505,12 +467,10 @@ TEST(EstimateBlocks, WhatPeersHaveMadeIsKeptForAnyNumberOfThem) {
 
 TEST(EstimateBlocks, PeersShareTheBlocksWhateverMemoryEachHas) {
   const SurfelCloud cloud = sorted_points("terrain", 20000);
-  EstimateOptions along_surface;
-  along_surface.orientation.method = Orientation::kMst;
   EstimateOptions winding;
   winding.orientation.method = Orientation::kWinding;
   winding.orientation.tile_points = 3000;
-  for (const EstimateOptions& options : {up(), along_surface, winding}) {
+  for (const EstimateOptions& options : {up(), winding}) {
     const TemporaryFolder folder;
     const std::string path = folder / "surfels.ply";
     EstimateReport whole;
@@ -576,6 +536,14 @@ TEST(EstimateBlocks, WhatCannotBeDoneIsRefusedBefore) {
   options = up();
   options.search = SearchMethod::kFlann;
   refused(options);
+  for (const Orientation method : {Orientation::kMst, Orientation::kOutward}) {
+    options = {};
+    options.orientation.method = method;
+    refused(options);
+    for (const char* instead : {"winding", "up", "viewpoint"}) {
+      EXPECT_NE(block_problems(options).front().find(instead), std::string::npos);
+    }
+  }
   EXPECT_TRUE(block_problems({}).empty());
   EXPECT_TRUE(block_problems(up()).empty());
 

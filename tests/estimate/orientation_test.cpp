@@ -157,6 +157,22 @@ TEST(Orientation, ScanLinesAreOnePart) {
   EXPECT_LT(found.wrong_share, 0.001);
 }
 
+TEST(Orientation, PatchesAreOnePart) {
+  // They are so far apart that no point has its nearest ones in another.
+  Array<Vec3f> position, truth;
+  for (std::size_t i = 0; i < 18 * 18 * 25; ++i) {
+    const auto noise = [&](int d) { return 0.2 * random_uniform(13, i, d); };
+    const std::size_t patch = i / 25;
+    const double x = 12 * static_cast<double>(patch % 18) + static_cast<double>(i % 5);
+    const double y = 12 * static_cast<double>(patch / 18) + static_cast<double>(i / 5 % 5);
+    position.emplace_back(Vec3d(x + noise(0), y + noise(1), noise(2)).cast<float>());
+    truth.push_back(Vec3f::UnitZ());
+  }
+  const Oriented found = orient(position, truth, by(Orientation::kMst));
+  EXPECT_EQ(found.report.components, 1U);
+  EXPECT_EQ(found.wrong_share, 0);
+}
+
 TEST(Orientation, TowardsViewpointAndUp) {
   const SurfelCloud cloud = surface("sphere", 5000);
   OrientationOptions options = by(Orientation::kViewpoint);

@@ -41,7 +41,7 @@ TEST(SimdTarget, EveryInstructionSetGivesTheSamePicture) {
   // Those that the library has code made for (SURFEL_SIMD_DISABLED in lib/CMakeLists.txt).
   const Image baseline = picture(HWY_STATIC_TARGET);
   int compared = 0;
-  for (const std::int64_t target : {HWY_SSE4, HWY_AVX2, HWY_AVX3}) {
+  for (const std::int64_t target : {HWY_AVX2, HWY_AVX3}) {
     if ((hwy::SupportedTargets() & HWY_TARGETS & target) == 0) continue;
     const Image image = picture(target);
     EXPECT_TRUE(image.data == baseline.data) << hwy::TargetName(target);

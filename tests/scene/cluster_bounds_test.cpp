@@ -130,7 +130,7 @@ struct TargetsForTest {
 
 /// Every instruction set, every number of values past the last whole vector.
 TEST(ClusterBounds, AreThoseOfEverySurfel) {
-  for (const std::int64_t target : {HWY_STATIC_TARGET, HWY_SSE4, HWY_AVX2, HWY_AVX3}) {
+  for (const std::int64_t target : {HWY_STATIC_TARGET, HWY_AVX2, HWY_AVX3}) {
     if ((hwy::SupportedTargets() & HWY_TARGETS & target) == 0) continue;
     const TargetsForTest chosen(target);
     for (const std::size_t count : {1, 2, 3, 4, 5, 7, 8, 9, 15, 16, 17, 31, 33, 100, 255, 256}) {
@@ -145,7 +145,7 @@ TEST(ClusterBounds, AreThoseOfEverySurfel) {
 TEST(ClusterBounds, RoundAlikeForEveryInstructionSet) {
   const Surfels surfels(256);
   const ClusterBounds here = cluster_bounds(surfels.columns());
-  for (const std::int64_t target : {HWY_SSE4, HWY_AVX2}) {
+  for (const std::int64_t target : {HWY_STATIC_TARGET, HWY_AVX2}) {
     if ((hwy::SupportedTargets() & HWY_TARGETS & target) == 0) continue;
     const TargetsForTest chosen(target);
     const ClusterBounds there = cluster_bounds(surfels.columns());

@@ -273,18 +273,15 @@ TEST(CoefficientFit, SolversAgree) {
   for (const TextureFitKind kind : {TextureFitKind::kGram, TextureFitKind::kRender}) {
     TextureFitOptions options = fit_of(kind);
     options.tolerance = 1e-10;
-    SurfelCloud expected = grid(12, 0.7);
-    const SurfelCloud start = expected;
-    options.solver = FitSolver::kLdlt;
-    fit_texture(expected, textures, options);
+    SurfelCloud clouds[2] = {grid(12, 0.7), grid(12, 0.7)};
     for (const FitSolver solver : {FitSolver::kConjugateGradients, FitSolver::kCeres}) {
-      SurfelCloud cloud = start;
       options.solver = solver;
-      const TextureFitReport report = fit_texture(cloud, textures, options);
+      const TextureFitReport report =
+          fit_texture(clouds[solver == FitSolver::kCeres ? 1 : 0], textures, options);
       EXPECT_TRUE(report.system->converged);
       EXPECT_LT(report.system->residual, 1e-9);
-      EXPECT_LT(largest_difference(expected, cloud), 1e-5F);
     }
+    EXPECT_LT(largest_difference(clouds[0], clouds[1]), 1e-5F);
   }
 }
 
@@ -581,11 +578,9 @@ TEST(CoefficientFit, UnusableOptionsAreNamed) {
                                }),
               1U);
   }
-  EXPECT_EQ(
-      refused_together(true, false, [](TextureFitOptions& o) { o.solver = FitSolver::kLdlt; }), 1U);
   EXPECT_EQ(refused([](TextureFitOptions& o) {
               o.bounds = {0, 1};
-              o.solver = FitSolver::kLdlt;
+              o.solver = FitSolver::kCeres;
             }),
             1U);
 }

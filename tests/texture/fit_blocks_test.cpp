@@ -202,7 +202,7 @@ TEST(FitBlocks, WhatNeedsAllSurfelsIsRefused) {
   EXPECT_EQ(problems([](TextureFitOptions&) {}), 0U);
   EXPECT_EQ(problems([](TextureFitOptions& o) { o.robust = true; }), 1U);
   EXPECT_EQ(problems([](TextureFitOptions& o) { o.refine_variance = true; }), 1U);
-  EXPECT_EQ(problems([](TextureFitOptions& o) { o.solver = FitSolver::kLdlt; }), 1U);
+  EXPECT_EQ(problems([](TextureFitOptions& o) { o.solver = FitSolver::kCeres; }), 1U);
   EXPECT_EQ(problems([](TextureFitOptions& o) { o.bounds = {0, 1}; }), 0U);
   EXPECT_EQ(problems([](TextureFitOptions& o) {
               o.kind = TextureFitKind::kGram;

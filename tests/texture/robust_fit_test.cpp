@@ -5,15 +5,16 @@
 #include <surfel/base/parallel.h>
 #include <surfel/base/random.h>
 #include <surfel/solve/ceres_solver.h>
-#include <surfel/solve/direct_solve.h>
 #include <surfel/texture/gram_system.h>
 #include <surfel/texture/robust_fit.h>
 
 #include "fit_support.h"
+#include "solve/direct_solve.h"
 
 namespace surfel {
 namespace {
 
+using test::direct_solve;
 using test::flat_basis;
 using test::largest_difference;
 using test::smooth_colors;

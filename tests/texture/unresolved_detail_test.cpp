@@ -2,14 +2,15 @@
 #include <cmath>
 
 #include <gtest/gtest.h>
-#include <surfel/solve/direct_solve.h>
 #include <surfel/texture/unresolved_detail.h>
 
 #include "fit_support.h"
+#include "solve/direct_solve.h"
 
 namespace surfel {
 namespace {
 
+using test::direct_solve;
 using test::flat_basis;
 using test::place_of;
 

@@ -4,14 +4,15 @@
 #include <gtest/gtest.h>
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
-#include <surfel/solve/direct_solve.h>
 #include <surfel/texture/variance_fit.h>
 
 #include "fit_support.h"
+#include "solve/direct_solve.h"
 
 namespace surfel {
 namespace {
 
+using test::direct_solve;
 using test::flat_basis;
 
 constexpr double kTau = 0.31;

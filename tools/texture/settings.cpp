@@ -17,12 +17,9 @@ namespace {
 void declare_systems(CLI::App& app, Settings& s) {
   app.option_defaults()->group("Systems of equations (--fit gram, render)");
   tool::add_choice(app, "--solver", s.fit.solver,
-                   {{"cg", FitSolver::kConjugateGradients},
-                    {"ldlt", FitSolver::kLdlt},
-                    {"ceres", FitSolver::kCeres}},
-                   "cg = preconditioned conjugate gradients; ldlt = sparse factorisation, exact, "
-                   "for small systems; ceres = least squares by Ceres, to compare with, for small "
-                   "systems");
+                   {{"cg", FitSolver::kConjugateGradients}, {"ceres", FitSolver::kCeres}},
+                   "cg = preconditioned conjugate gradients; ceres = least squares by Ceres, to "
+                   "compare with, for small systems");
   app.add_option("--tolerance", s.fit.tolerance,
                  "Of cg: relative residual; of ceres and --robust: relative change of the "
                  "coefficients in the last step; 1e-14..0.1");

@@ -12,7 +12,6 @@ namespace {
 
 constexpr std::pair<const char*, std::int64_t> kSets[] = {{"avx512", HWY_AVX3},
                                                           {"avx2", HWY_AVX2},
-                                                          {"sse4", HWY_SSE4},
                                                           {"scalar", HWY_SCALAR | HWY_EMU128}};
 
 /// What this processor can run, whatever has been chosen, of what the library has code for.

@@ -8,7 +8,7 @@
 namespace surfel {
 
 /// The sets of vector instructions that this processor and this build of the library both have,
-/// fastest first, of: avx512, avx2, sse4, scalar (no vectors).
+/// fastest first, of: avx512, avx2, scalar (no vectors).
 SURFEL_API std::vector<std::string> available_instructions();
 
 /// The set that is in use: the fastest, unless set_instructions() chose another.

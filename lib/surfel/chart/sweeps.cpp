@@ -13,8 +13,8 @@ namespace {
 constexpr bool kQuick = true;
 /// Fewer surfels than this have no level of detail that a picture could use.
 constexpr std::size_t kLeastForLevels = 2000;
-/// More surfels than this take direct solvers and Ceres minutes.
-constexpr std::size_t kMostForDirectSolvers = 30000;
+/// More surfels than this take Ceres minutes.
+constexpr std::size_t kMostForCeres = 30000;
 
 /// Points of one option: value, label, and whether a quick run measures it.
 struct Value {
@@ -119,8 +119,7 @@ Sweep fit(const SweepContext& c) {
                          {"render, tolerance 1e-8", render + " --tolerance 1e-8"},
                          {"render, lambda 0.003", render + " --lambda 0.003"},
                          {"render, lambda 0.3", render + " --lambda 0.3", kQuick}}};
-  if (c.surfels <= kMostForDirectSolvers) {
-    sweep.points.push_back({"render, ldlt", render + " --solver ldlt"});
+  if (c.surfels <= kMostForCeres) {
     sweep.points.push_back({"render, ceres", render + " --solver ceres"});
   }
   if (!c.texture) {

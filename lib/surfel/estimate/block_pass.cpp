@@ -9,11 +9,6 @@
 
 namespace surfel {
 
-bool BlockCloud::along_surface() const {
-  return options.orientation.method == Orientation::kMst ||
-         options.orientation.method == Orientation::kOutward;
-}
-
 BlockPass::BlockPass(const BlockCloud& cloud, HaloOptions halo)
     : cloud_(cloud),
       directions_(halo.directions),

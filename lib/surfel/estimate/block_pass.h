@@ -38,16 +38,6 @@ struct BlockCloud {
 
   const RunIndex& index() const { return facts.index; }
   std::size_t finite() const { return facts.index.finite(); }
-  /// Do sides spread from edge to edge?
-  bool along_surface() const;
-
-  /// Calls body(begin, end) for all blocks, by their runs.
-  template <class Body>
-  void for_each_block(const Body& body) const {
-    for (std::size_t begin = 0; begin < index().size(); begin += sizes.block_runs) {
-      body(begin, std::min(begin + sizes.block_runs, index().size()));
-    }
-  }
 };
 
 /// Points that one thread takes at a time.

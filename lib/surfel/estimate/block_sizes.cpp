@@ -35,7 +35,7 @@ std::size_t run_length(const SurfelRanges& cloud, const BlockOptions& blocks) {
       std::clamp<std::uint64_t>(std::max(of_block, of_index), kLeastRun, kRunLength)));
 }
 
-BlockSizes block_sizes(const RunIndex& index, std::size_t column_bytes, bool along_surface,
+BlockSizes block_sizes(const RunIndex& index, std::size_t column_bytes,
                        const BlockOptions& blocks) {
   BlockSizes out;
   out.index_bytes = index.size() * RunIndex::kRunBytes;
@@ -44,15 +44,10 @@ BlockSizes block_sizes(const RunIndex& index, std::size_t column_bytes, bool alo
   if (points > 0) {
     out.bounded = false;
     out.most_loaded = std::numeric_limits<std::size_t>::max();
-    out.forest_memory = std::numeric_limits<std::uint64_t>::max();
   } else {
     const std::uint64_t point_bytes = bytes_of_point(column_bytes);
     const std::uint64_t memory = blocks.memory - std::min(blocks.memory, out.index_bytes);
     out.most_loaded = static_cast<std::size_t>(memory / point_bytes);
-    if (along_surface) {
-      out.most_loaded = std::min(out.most_loaded / 4 * 3, 2 * kMostBlock);
-      out.forest_memory = memory - out.most_loaded * point_bytes;
-    }
     // The halo takes its part.
     points = std::min(out.most_loaded / 10 * 7, kMostBlock);
     if (points < kRunLength) {

@@ -6,7 +6,6 @@
 #include <surfel/base/parallel.h>
 #include <surfel/base/progress.h>
 #include <surfel/estimate/cloud_facts.h>
-#include <surfel/estimate/estimate_blocks.h>
 #include <surfel/estimate/halo_loader.h>
 #include <surfel/estimate/noisy_normals.h>
 #include <surfel/estimate/place_sample.h>
@@ -82,8 +81,6 @@ CloudRules decide_rules(const SurfelRanges& cloud, const CloudFacts& facts,
     throw_usage((name.empty() ? "the cloud" : name) +
                 " does not say where its scanner stood; give the `viewpoint`");
   }
-  const std::vector<std::string> problems = block_problems(options);
-  if (!problems.empty()) throw_usage(fmt::format("{}", fmt::join(problems, "; ")));
   if (facts.without_normal > 0) {
     throw_input(name, fmt::format("{} of {} points have no normal to be aligned with: their side "
                                   "follows the others', which only works in memory; orient by "

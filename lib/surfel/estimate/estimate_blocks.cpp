@@ -4,6 +4,7 @@
 #include <optional>
 #include <utility>
 
+#include <fmt/format.h>
 #include <surfel/base/error.h>
 #include <surfel/base/option_check.h>
 #include <surfel/base/progress.h>
@@ -14,7 +15,6 @@
 #include <surfel/estimate/block_walk.h>
 #include <surfel/estimate/cloud_facts.h>
 #include <surfel/estimate/estimate_blocks.h>
-#include <surfel/estimate/forest_blocks.h>
 #include <surfel/estimate/surfel_blocks.h>
 #include <surfel/estimate/winding_blocks.h>
 
@@ -77,6 +77,12 @@ std::vector<std::string> block_problems(const EstimateOptions& options) {
   refuse(options.smoothing.has_value(), "`smoothing`");
   refuse(options.edges.has_value(), "looking for `edges`");
   refuse(options.search != SearchMethod::kExact, "a `search` other than exact");
+  const Orientation sides = options.orientation.method;
+  if (sides == Orientation::kMst || sides == Orientation::kOutward) {
+    found.emplace_back(
+        "sides along the surface (mst, outward) cannot be found block by block: orient by winding, "
+        "up or viewpoint, or let all points fit into memory");
+  }
   return found;
 }
 
@@ -90,6 +96,9 @@ void estimate_by_blocks(const SurfelRanges& cloud, const EstimateOptions& option
                         const BlockOptions& blocks, SurfelSink& sink, EstimateReport* report,
                         const std::string& name) {
   require_usable(options);
+  if (const std::vector<std::string> problems = block_problems(options); !problems.empty()) {
+    throw_usage(fmt::format("{}", fmt::join(problems, "; ")));
+  }
   EstimateReport r;
   StageTimer stage(r.times);
   // Processes that had different blocks would leave some out.
@@ -104,23 +113,15 @@ void estimate_by_blocks(const SurfelRanges& cloud, const EstimateOptions& option
                    .name = name,
                    .peers = agreed.peers};
   whole.options.normals.grow_in_noise = false;
-  whole.sizes = block_sizes(facts.index, facts.column_bytes, whole.along_surface(), agreed);
+  whole.sizes = block_sizes(facts.index, facts.column_bytes, agreed);
   whole.rules = decide_rules(cloud, facts, options, name);
   stage.end("index");
 
   std::unique_ptr<StoredSides> winding;
-  TurnedPoints along_surface;
-  FoundSides sides;
-  if (whole.rules.winding) {
-    winding = find_sides_by_winding(whole);
-    sides.winding = winding.get();
-  } else if (whole.along_surface()) {
-    along_surface = find_sides_along_surface(whole);
-    sides.along_surface = &along_surface;
-  }
+  if (whole.rules.winding) winding = find_sides_by_winding(whole);
   stage.end("sides");
 
-  SurfelPass pass(whole, sides);
+  SurfelPass pass(whole, winding.get());
   const bool cover = options.size.rule == VarianceRule::kCover;
   const bool decide_ellipses = cover && options.size.anisotropy == Anisotropy::kAuto;
   bool ellipses = cover && options.size.anisotropy == Anisotropy::kOn;

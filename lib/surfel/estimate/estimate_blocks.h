@@ -20,8 +20,7 @@ struct BlockOptions {
   std::uint64_t memory = std::uint64_t{1} << 30;
   std::size_t most_points = 0;  ///< Points of a block; 0 = as many as the memory holds.
   /// What kWinding finds before the surfels are made, 16 bytes a point, waits on a scratch file on
-  /// the disk of this file, and by kMst and kOutward 40 bytes a point while they find sides; see
-  /// ScratchFile.
+  /// the disk of this file, see ScratchFile.
   std::string beside = {};
   Checkpoints* checkpoints = nullptr;  ///< Keeps the blocks that are finished; null: none.
   /// Processes among which the blocks are shared, which all call estimate_by_blocks() with the same
@@ -55,11 +54,6 @@ SURFEL_API std::uint64_t estimate_bytes(std::size_t points, std::size_t point_by
 /// The cloud is read once, for the boxes of its runs, and then block by block; with a cloud whose
 /// consecutive points do not lie close to one another halos would be most of it, and Error(kInput)
 /// is thrown that starts with `name`.
-///
-/// kMst and kOutward find the sides of all points first (forest_sides.h): a bit a point, and about
-/// 100 bytes for each edge that their forests have between blocks, or 200 for each part that is
-/// joined to another, for which a quarter of the memory is kept, or what two million points in
-/// memory leave.
 ///
 /// Throws Error(kUsage) for block_problems(), and as estimate_surfels() does otherwise.
 SURFEL_API void estimate_by_blocks(const SurfelRanges& cloud, const EstimateOptions& options,

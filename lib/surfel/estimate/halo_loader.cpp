@@ -163,8 +163,6 @@ HaloPoints HaloLoader::read(std::size_t begin_run, std::size_t end_run,
     out.previous = part(block.previous);
     out.point.resize(end - begin);
     std::iota(out.point.begin(), out.point.end(), static_cast<std::uint32_t>(begin));
-    out.number.resize(end - begin);
-    std::iota(out.number.begin(), out.number.end(), index_.finite_before(begin_run));
     return out;
   }
   const std::size_t begin = index_.begin(begin_run);
@@ -182,8 +180,6 @@ HaloPoints HaloLoader::read(std::size_t begin_run, std::size_t end_run,
     std::erase_if(out.position, [](const Vec3f& p) { return !p.allFinite(); });
   }
   out.point.assign(out.position.size(), kHalo);
-  out.number.resize(out.position.size());
-  std::iota(out.number.begin(), out.number.end(), index_.finite_before(begin_run));
   return out;
 }
 
@@ -235,8 +231,7 @@ std::optional<HaloPoints> HaloLoader::load(const HaloTask& task, const BlockPoin
   }
   const Array<std::uint32_t> order = morton_order(out.position, grid_);
   return HaloPoints{in_order(out.position, order), in_order(out.known, order),
-                    in_order(out.previous, order), in_order(out.point, order),
-                    in_order(out.number, order)};
+                    in_order(out.previous, order), in_order(out.point, order)};
 }
 
 }  // namespace surfel

@@ -24,10 +24,9 @@ inline constexpr std::uint32_t kHalo = std::numeric_limits<std::uint32_t>::max()
 /// Points that are in memory for one pass, along the curve of the whole cloud.
 struct HaloPoints {
   Array<Vec3f> position;
-  Array<float> known;           ///< As HaloSearch has it.
-  Array<Vec3f> previous;        ///< Directions for orient_normals(); empty where it needs none.
-  Array<std::uint32_t> point;   ///< Number among the block's points, or kHalo.
-  Array<std::uint64_t> number;  ///< Among the cloud's finite points.
+  Array<float> known;          ///< As HaloSearch has it.
+  Array<Vec3f> previous;       ///< Directions for orient_normals(); empty where it needs none.
+  Array<std::uint32_t> point;  ///< Number among the block's points, or kHalo.
 
   std::size_t size() const { return position.size(); }
   void append(const HaloPoints& more) {
@@ -35,7 +34,6 @@ struct HaloPoints {
     known.insert(known.end(), more.known.begin(), more.known.end());
     previous.insert(previous.end(), more.previous.begin(), more.previous.end());
     point.insert(point.end(), more.point.begin(), more.point.end());
-    number.insert(number.end(), more.number.begin(), more.number.end());
   }
 };
 

@@ -3,7 +3,6 @@
 #include <cmath>
 #include <limits>
 #include <optional>
-#include <span>
 #include <vector>
 
 #include <surfel/base/error.h>
@@ -106,11 +105,7 @@ class Spreader {
     for (std::uint32_t i = 0; i < count; ++i) {
       if (known(i) && (largest == kNone || size[part_[i]] > size[largest])) largest = part_[i];
     }
-    const auto comes = [&](std::size_t i) { return known(i) && part_[i] != largest; };
-    PartJoins joins{CurveOrder()};
-    find_joins(
-        {position_, normal_, part_, opposed_, {}}, search_, comes, [](std::size_t) { return true; },
-        joins);
+    PartJoins joins = find_joins({position_, normal_, part_}, search_, opposed_, largest);
     for (const PartJoin& join : joins.forest()) {
       sets_.unite(join.from, join.to, [&] { return join.opposed; });
     }
@@ -127,7 +122,7 @@ class Spreader {
   std::size_t parts_ = 0;
 };
 
-/// Turns whole parts, except the part `settled`, see PartVotes.
+/// Turns whole parts, except the part `settled`, see parts_to_turn().
 /// \param before  whether the x of each normal had a sign before any was turned.
 void turn_parts(const Array<Vec3f>& position, const Array<std::uint32_t>& part,
                 std::uint32_t settled, Orientation method, const Array<std::uint8_t>& before,
@@ -142,19 +137,12 @@ void turn_parts(const Array<Vec3f>& position, const Array<std::uint32_t>& part,
   Array<std::uint8_t> turned(count);
   parallel_each(count, kOrientationGrain, [&](std::size_t i) {
     const bool votes = !normal[i].isZero(0) && part[i] != settled;
-    voting[i] = votes ? number[part[i]] : PartVotes::kNoPart;
+    voting[i] = votes ? number[part[i]] : PartPoints::kNoPart;
     turned[i] = (std::signbit(normal[i].x()) ? 1 : 0) != before[i] ? 1 : 0;
   });
-  std::vector<bool> turn;
-  while (turn.size() < parts) {
-    const std::size_t some = std::min(PartVotes::parts(method), parts - turn.size());
-    PartVotes votes(method, static_cast<std::uint32_t>(turn.size()), some, CurveOrder());
-    votes.add({position, normal, voting, turned});
-    const std::vector<bool> told = votes.turned();
-    turn.insert(turn.end(), told.begin(), told.end());
-  }
+  const std::vector<bool> turn = parts_to_turn({position, normal, voting}, parts, turned, method);
   parallel_each(count, kOrientationGrain, [&](std::size_t i) {
-    if (voting[i] != PartVotes::kNoPart && turn[voting[i]]) normal[i] = -normal[i];
+    if (voting[i] != PartPoints::kNoPart && turn[voting[i]]) normal[i] = -normal[i];
   });
 }
 
@@ -245,16 +233,6 @@ void turn_to_sides(const Array<Vec3f>& position, const NeighborSearch& search,
   parallel_each(position.size(), kOrientationGrain, [&](std::size_t i) {
     (*confidence)[i] = side[i].isZero(0) ? 0 : certainty_of(side[i]);
   });
-  multiply_agreement(position, search, normal, *confidence);
-}
-
-void turn_known(const Array<Vec3f>& position, const NeighborSearch& search,
-                const Array<std::uint8_t>& turned, Array<Vec3f>& normal, Array<float>* confidence) {
-  parallel_each(position.size(), kOrientationGrain, [&](std::size_t i) {
-    if (turned[i] != 0) normal[i] = -normal[i];
-  });
-  if (!confidence) return;
-  confidence->assign(position.size(), 1);
   multiply_agreement(position, search, normal, *confidence);
 }
 

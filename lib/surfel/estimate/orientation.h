@@ -94,11 +94,4 @@ SURFEL_API void turn_to_sides(const Array<Vec3f>& position, const NeighborSearch
                               const Array<Vec3f>& side, Array<Vec3f>& normal,
                               Array<float>* confidence = nullptr);
 
-/// Turns normals that are known to be on the wrong side, as kMst and kOutward do in the end.
-/// \param turned  by point: 1 to turn the normal; 0 of points without a normal.
-/// \param confidence  if not null, as orient_normals() has it with kMst.
-SURFEL_API void turn_known(const Array<Vec3f>& position, const NeighborSearch& search,
-                           const Array<std::uint8_t>& turned, Array<Vec3f>& normal,
-                           Array<float>* confidence = nullptr);
-
 }  // namespace surfel

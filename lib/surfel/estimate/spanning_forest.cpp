@@ -245,27 +245,4 @@ void unite_spanning_forest(const NeighborGraph& graph, bool joined,
   }
 }
 
-Array<std::uint64_t> spanning_forest_edges(const NeighborGraph& graph) {
-  const std::size_t points = graph.length.size() / graph.degree();
-  const std::size_t grain = kBlockEdges / graph.degree();
-  BlockKeys left((points + grain - 1) / grain);
-  parallel_for(points, grain, [&](std::size_t begin, std::size_t end, int) {
-    std::vector<std::uint64_t>& keys = left[begin / grain];
-    Block block(graph, begin, end);
-    block.collect_leaving(keys);
-    block.filter(keys);
-    std::sort(keys.begin(), keys.end());
-  });
-  Array<std::uint64_t> out = in_order(left);
-  left = {};
-  DisjointSets sets(points);
-  std::size_t count = 0;
-  for (const std::uint64_t key : out) {
-    const std::size_t e = edge_of(key);
-    if (sets.unite(static_cast<std::uint32_t>(e / graph.degree()), graph.to(e))) out[count++] = e;
-  }
-  out.resize(count);
-  return out;
-}
-
 }  // namespace surfel

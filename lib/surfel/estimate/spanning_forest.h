@@ -102,8 +102,4 @@ SURFEL_API void unite_spanning_forest(const NeighborGraph& graph, bool joined,
                                       FunctionRef<bool(std::uint32_t, std::uint32_t)> opposed,
                                       SignedSets& sets);
 
-/// The numbers of the edges of that forest, in their order: by length, then number. Points that
-/// list each other stand there once.
-SURFEL_API Array<std::uint64_t> spanning_forest_edges(const NeighborGraph& graph);
-
 }  // namespace surfel

@@ -11,6 +11,9 @@
 namespace surfel {
 namespace {
 
+/// Parts are joined by edges below this weight, to the kJoinNeighbors nearest points.
+constexpr float kJoinWeight = 0.1F;
+constexpr std::size_t kJoinNeighbors = 64;
 constexpr std::size_t kPartGrain = 1024;
 
 /// Directions that the extreme points of a part are looked for in.
@@ -28,13 +31,13 @@ std::vector<Vec3f> probes(Orientation method) {
   return out;
 }
 
-}  // namespace
-
-bool PartJoins::before(const PartJoin& a, const PartJoin& b) const {
+/// Does an edge come before another in Kruskal's algorithm?
+bool precedes(const PartJoin& a, const PartJoin& b) {
   if (a.weight != b.weight) return a.weight < b.weight;
-  if (a.place.number != b.place.number) return order_(a.place, b.place);
-  return a.rank < b.rank;
+  return a.point != b.point ? a.point < b.point : a.rank < b.rank;
 }
+
+}  // namespace
 
 void PartJoins::add(const PartJoin& join) {
   if (joins_.size() == most_) {
@@ -53,8 +56,7 @@ void PartJoins::add(const PartJoins& more) {
 }
 
 std::span<const PartJoin> PartJoins::forest() {
-  std::sort(joins_.begin(), joins_.end(),
-            [&](const PartJoin& a, const PartJoin& b) { return before(a, b); });
+  std::sort(joins_.begin(), joins_.end(), precedes);
   std::vector<std::uint32_t> parts;
   parts.reserve(2 * joins_.size());
   for (const PartJoin& join : joins_) parts.insert(parts.end(), {join.from, join.to});
@@ -70,27 +72,25 @@ std::span<const PartJoin> PartJoins::forest() {
   return joins_;
 }
 
-void find_joins(const JoinPoints& points, const NeighborSearch& search,
-                FunctionRef<bool(std::size_t)> comes, FunctionRef<bool(std::size_t)> counts,
-                PartJoins& joins) {
+PartJoins find_joins(const PartPoints& points, const NeighborSearch& search,
+                     const Array<std::uint8_t>& opposed, std::uint32_t largest) {
   const std::size_t count = points.position.size();
   const SurfaceEdges edges(points.position, points.normal);
-  PerWorker<PartJoins> found([&] { return std::make_unique<PartJoins>(joins.order()); });
+  const auto comes = [&](std::size_t i) { return edges.known(i) && points.part[i] != largest; };
+  PerWorker<PartJoins> found;
   const auto look = [&](std::size_t i, std::span<const Neighbor> near, int worker) {
-    if (!counts(i)) return;
     for (std::size_t rank = 0; rank < near.size(); ++rank) {
       const std::uint32_t j = near[rank].index;
       if (points.part[j] == points.part[i] || !edges.known(j)) continue;
       const float w = edges.weight(i, j);
       if (!(w < kJoinWeight)) continue;
-      const bool signs_differ = points.opposed[i] != points.opposed[j];
-      found[worker].add(
-          {.place = {points.position[i], points.number.empty() ? i : points.number[i]},
-           .weight = w,
-           .from = points.part[i],
-           .to = points.part[j],
-           .rank = static_cast<std::uint8_t>(rank),
-           .opposed = edges.opposed(i, j) != signs_differ});
+      const bool signs_differ = opposed[i] != opposed[j];
+      found[worker].add({.weight = w,
+                         .point = static_cast<std::uint32_t>(i),
+                         .from = points.part[i],
+                         .to = points.part[j],
+                         .rank = static_cast<std::uint8_t>(rank),
+                         .opposed = edges.opposed(i, j) != signs_differ});
     }
   };
   if (2 * count_where(count, comes) > count) {
@@ -109,50 +109,36 @@ void find_joins(const JoinPoints& points, const NeighborSearch& search,
       }
     });
   }
+  PartJoins joins;
   found.for_each([&](const PartJoins& some) { joins.add(some); });
+  return joins;
 }
 
-std::size_t PartVotes::parts(Orientation method) {
-  return kBytes / sizeof(Extreme) / probes(method).size();
-}
-
-PartVotes::PartVotes(Orientation method, std::uint32_t first, std::size_t count,
-                     const CurveOrder& order)
-    : first_(first),
-      count_(count),
-      order_(order),
-      directions_(probes(method)),
-      extreme_(count * directions_.size()) {}
-
-void PartVotes::add(const Points& points) {
-  parallel_each(directions_.size(), 1, [&](std::size_t d) {
-    const Vec3f direction = directions_[d];
-    Extreme* const extremes = extreme_.data() + d * count_;
-    for (std::size_t i = 0; i < points.position.size(); ++i) {
-      const std::uint32_t part = points.part[i];
-      if (part == kNoPart || part < first_ || part - first_ >= count_) continue;
-      Extreme& most = extremes[part - first_];
-      const float along = points.position[i].dot(direction);
-      if (most.any && along < most.along) continue;
-      const CurvePlace place{points.position[i], points.first + i};
-      if (most.any && along == most.along && !order_(place, most.place)) continue;
-      most = {place, along, points.normal[i].dot(direction), points.turned[i] != 0, true};
+std::vector<bool> parts_to_turn(const PartPoints& points, std::size_t parts,
+                                const Array<std::uint8_t>& turned, Orientation method) {
+  const std::vector<Vec3f> directions = probes(method);
+  const Array<Vec3f>& position = points.position;
+  // The furthest points, by direction, then part.
+  std::vector<std::uint32_t> furthest(directions.size() * parts, PartPoints::kNoPart);
+  parallel_each(directions.size(), 1, [&](std::size_t d) {
+    for (std::uint32_t i = 0; i < position.size(); ++i) {
+      if (points.part[i] == PartPoints::kNoPart) continue;
+      std::uint32_t& most = furthest[d * parts + points.part[i]];
+      if (most == PartPoints::kNoPart ||
+          position[i].dot(directions[d]) > position[most].dot(directions[d])) {
+        most = i;
+      }
     }
   });
-}
-
-std::vector<bool> PartVotes::turned() const {
-  std::vector<bool> out(count_);
-  for (std::size_t part = 0; part < count_; ++part) {
+  std::vector<bool> out(parts);
+  for (std::size_t part = 0; part < parts; ++part) {
     double vote = 0;
-    bool last_turned = false;
-    for (std::size_t d = 0; d < directions_.size(); ++d) {
-      const Extreme& most = extreme_[d * count_ + part];
-      if (!most.any) continue;
-      vote += static_cast<double>(most.normal);
-      last_turned = most.turned;
+    for (std::size_t d = 0; d < directions.size(); ++d) {
+      const Vec3f& normal = points.normal[furthest[d * parts + part]];
+      vote += static_cast<double>(normal.dot(directions[d]));
     }
-    out[part] = vote < 0 || (vote == 0 && last_turned);
+    const std::uint32_t last = furthest[(directions.size() - 1) * parts + part];
+    out[part] = vote < 0 || (vote == 0 && turned[last] != 0);
   }
   return out;
 }

@@ -7,13 +7,13 @@
 
 namespace surfel {
 
-SurfelPass::SurfelPass(const BlockCloud& cloud, const FoundSides& sides)
+SurfelPass::SurfelPass(const BlockCloud& cloud, const StoredSides* sides)
     : cloud_(cloud), sides_(sides), pass_(cloud, halo()) {}
 
 HaloOptions SurfelPass::halo() const {
   HaloOptions halo = BlockPass::normal_halo(cloud_);
   const bool aligned = cloud_.options.orientation.method == Orientation::kAlign;
-  if (aligned || cloud_.rules.to_sensors || sides_.winding) {
+  if (aligned || cloud_.rules.to_sensors || sides_) {
     halo.directions = [this](const SurfelCloud& piece, std::size_t run) {
       return directions(piece, run);
     };
@@ -23,7 +23,7 @@ HaloOptions SurfelPass::halo() const {
 
 /// The directions that orient_normals(), or turn_to_sides(), needs of the points from a run on.
 Array<Vec3f> SurfelPass::directions(const SurfelCloud& piece, std::size_t run) const {
-  if (sides_.winding) return sides_.winding->of(piece.position, run);
+  if (sides_) return sides_->of(piece.position, run);
   if (!cloud_.rules.to_sensors) return piece.normal;
   Array<Vec3d> sensors;
   if (cloud_.facts.sensors) sensors = piece.sensors();
@@ -64,18 +64,10 @@ void SurfelPass::turn(const LoadedBlock& loaded, HaloNormals& found, Array<float
                       SurfelBlock& block) const {
   const HaloPoints& points = loaded.points;
   Array<Vec3f>& normal = found.normals.normal;
-  if (sides_.winding) {
+  if (sides_) {
     turn_to_sides(points.position, found.search, points.previous, normal, &confidence);
     block.method = Orientation::kWinding;
-    block.components = sides_.winding->parts();
-  } else if (sides_.along_surface) {
-    Array<std::uint8_t> turned(points.size());
-    parallel_each(points.size(), kBlockGrain, [&](std::size_t i) {
-      turned[i] = (*sides_.along_surface)[points.number[i]] ? 1 : 0;
-    });
-    turn_known(points.position, found.search, turned, normal, &confidence);
-    block.method = cloud_.options.orientation.method;
-    block.components = sides_.along_surface->parts;
+    block.components = sides_->parts();
   } else {
     const OrientationReport sides =
         orient_normals(points.position, block.points.cloud.origin, found.search, points.previous,

@@ -4,7 +4,6 @@
 #include <cstdint>
 
 #include <surfel/estimate/block_pass.h>
-#include <surfel/estimate/forest_sides.h>
 #include <surfel/estimate/point_estimates.h>
 #include <surfel/estimate/stored_sides.h>
 
@@ -19,17 +18,11 @@ struct SurfelBlock {
   Orientation method = Orientation::kNone;
 };
 
-/// What earlier passes have found out about sides: one of the two at most.
-struct FoundSides {
-  const StoredSides* winding = nullptr;
-  const TurnedPoints* along_surface = nullptr;
-};
-
 /// The pass over the blocks of a cloud that makes surfels.
 class SurfelPass {
  public:
-  /// Keeps references to the cloud and to the sides.
-  SurfelPass(const BlockCloud& cloud, const FoundSides& sides);
+  /// Keeps references to the cloud and to the sides that an earlier pass has found; null: none.
+  SurfelPass(const BlockCloud& cloud, const StoredSides* sides);
   SurfelPass(const SurfelPass&) = delete;
   SurfelPass& operator=(const SurfelPass&) = delete;
 
@@ -51,7 +44,7 @@ class SurfelPass {
   HaloTask estimate(const LoadedBlock& loaded, SurfelBlock& block) const;
 
   const BlockCloud& cloud_;
-  FoundSides sides_;
+  const StoredSides* sides_;
   BlockPass pass_;
   bool ellipses_ = false;
 };

@@ -1,10 +1,12 @@
+#include <algorithm>
 #include <cstring>
 #include <utility>
+#include <vector>
 
 #include <fmt/format.h>
 #include <surfel/base/error.h>
 #include <surfel/base/peers.h>
-#include <surfel/estimate/block_turns.h>
+#include <surfel/base/progress.h>
 #include <surfel/estimate/winding_blocks.h>
 
 namespace surfel {
@@ -59,6 +61,38 @@ BlockNormals normals_of(const BlockPass& pass, const BlockCloud& cloud, std::siz
   return out;
 }
 
+/// Finds the normals of all blocks, every process of one block at a time. Process 0 gets all of
+/// them in the order of the blocks, and adds them to its sides.
+void add_normals(const BlockCloud& cloud, StoredSides& sides) {
+  const BlockPass pass(cloud, BlockPass::normal_halo(cloud));
+  const RunIndex& index = cloud.index();
+  const std::size_t block_runs = cloud.sizes.block_runs;
+  const int processes = cloud.peers ? cloud.peers->count() : 1;
+  const int rank = cloud.peers ? cloud.peers->rank() : 0;
+  ProgressStage progress("finding sides", index.points(), "points");
+  const std::size_t together = block_runs * static_cast<std::size_t>(processes);
+  for (std::size_t first = 0; first < index.size(); first += together) {
+    const std::size_t begin =
+        std::min(first + static_cast<std::size_t>(rank) * block_runs, index.size());
+    BlockNormals mine;
+    if (begin < index.size()) {
+      mine = normals_of(pass, cloud, begin, std::min(begin + block_runs, index.size()));
+    }
+    if (rank == 0) sides.add(mine.position, mine.normal);
+    // Process 0 has room for one block at a time.
+    for (int sender = 1; sender < processes; ++sender) {
+      std::vector<Bytes> to(static_cast<std::size_t>(processes));
+      if (rank == sender && begin < index.size()) to[0] = mine.bytes();
+      const std::vector<Bytes> from = cloud.peers->exchange(std::move(to));
+      const Bytes& sent = from[static_cast<std::size_t>(sender)];
+      if (rank != 0 || sent.empty()) continue;
+      const BlockNormals block = BlockNormals::of(sent);
+      sides.add(block.position, block.normal);
+    }
+    progress.add(index.begin(std::min(first + together, index.size())) - index.begin(first));
+  }
+}
+
 }  // namespace
 
 std::unique_ptr<StoredSides> find_sides_by_winding(const BlockCloud& cloud) {
@@ -71,11 +105,7 @@ std::unique_ptr<StoredSides> find_sides_by_winding(const BlockCloud& cloud) {
         search.nearest(place, k, out);
       },
       cloud.beside);
-  const BlockPass pass(cloud, BlockPass::normal_halo(cloud));
-  make_in_turns<BlockNormals>(
-      cloud, "finding sides",
-      [&](std::size_t begin, std::size_t end) { return normals_of(pass, cloud, begin, end); },
-      [&](const BlockNormals& block) { sides->add(block.position, block.normal); });
+  add_normals(cloud, *sides);
   if (!cloud.peers || cloud.peers->rank() == 0) sides->finish();
   if (cloud.peers) sides->share(*cloud.peers);
   return sides;

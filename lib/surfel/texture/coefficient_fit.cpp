@@ -9,7 +9,6 @@
 #include <surfel/scene/amplitude.h>
 #include <surfel/solve/ceres_solver.h>
 #include <surfel/solve/conjugate_gradients.h>
-#include <surfel/solve/direct_solve.h>
 #include <surfel/solve/range_sums.h>
 #include <surfel/solve/spectrum.h>
 #include <surfel/solve/symmetric_product.h>
@@ -114,10 +113,6 @@ struct LinearSystem {
 void solve(const LinearSystem& system, const TextureFitOptions& options,
            const std::function<void(double)>& progress, Array<Channels>& x, SystemReport& report) {
   const auto& [matrix, b, factor, bounds, channels] = system;
-  if (options.solver == FitSolver::kLdlt) {
-    x = direct_solve(matrix, b);
-    return;
-  }
   if (options.solver == FitSolver::kCeres) {
     note(ceres_solve(matrix, b, channels, options.tolerance, x), report);
     report.residual = relative_residual(matrix, b, x);

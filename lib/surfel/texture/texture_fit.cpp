@@ -168,7 +168,7 @@ std::vector<std::string> TextureFitOptions::problems() const {
                          bounds->lower < bounds->upper),
              "`bounds` must be two numbers, the lower first");
   check_rule(found, !bounds || solver == FitSolver::kConjugateGradients,
-             "`bounds` need the solver cg; ldlt and ceres know none");
+             "`bounds` need the solver cg; ceres knows none");
   const auto needs_render = [&](bool used, const char* option) {
     check_rule(found, !used || kind == TextureFitKind::kRender,
                fmt::format("`{}` has no effect without the render fit; leave it out", option));
@@ -176,7 +176,6 @@ std::vector<std::string> TextureFitOptions::problems() const {
                fmt::format("`{}` and `bounds` do not go together", option));
   };
   needs_render(robust, "robust");
-  check_rule(found, !robust || solver != FitSolver::kLdlt, "`robust` needs the solver cg or ceres");
   if (robust_scale) check_positive(found, "robust_scale", *robust_scale);
   needs_render(refine_variance, "refine_variance");
   check_rule(found, !robust || !refine_variance,

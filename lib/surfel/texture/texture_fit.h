@@ -40,7 +40,6 @@ enum class GramRightSide {
 
 enum class FitSolver {
   kConjugateGradients,  ///< conjugate_gradients.h: fast, in parallel, to the tolerance.
-  kLdlt,                ///< direct_solve.h: exact, for small systems.
   kCeres,               ///< ceres_solver.h: least squares by Ceres, for small systems.
 };
 
@@ -119,7 +118,7 @@ struct SystemReport {
   /// Estimated extreme eigenvalues of the matrix that is solved, lambda included.
   double eigen_min = 0;
   double eigen_max = 0;
-  int iterations = 0;  ///< Iterations of conjugate gradients, or steps of Ceres; 0 for kLdlt.
+  int iterations = 0;  ///< Iterations of conjugate gradients, or steps of Ceres.
   /// kRender: iterations of the rough solution that shows unresolved detail.
   int rough_iterations = 0;
   double residual = 0;  ///< Relative residual of the worst channel.
