@@ -4,10 +4,8 @@
 #include <algorithm>
 #include <array>
 #include <cctype>
-#include <filesystem>
 #include <memory>
 #include <numbers>
-#include <string_view>
 #include <utility>
 
 #include <fmt/format.h>
@@ -16,7 +14,6 @@
 #include <surfel/base/error.h>
 #include <surfel/base/memory.h>
 #include <surfel/base/rotation.h>
-#include <surfel/base/shell_quote.h>
 #include <surfel/base/timing.h>
 #include <surfel/io/cloud_io.h>
 #include <surfel/io/cloud_sort.h>
@@ -27,7 +24,6 @@
 #include <surfel/scene/gaussians_of_surfels.h>
 #include <surfel/scene/join.h>
 #include <surfel/scene/keep_columns.h>
-#include <surfel/scene/surfel_variance.h>
 #include <surfel/scene/transform.h>
 #include <sys/resource.h>
 
