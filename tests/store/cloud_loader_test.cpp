@@ -600,7 +600,7 @@ TEST_F(StreamedLevels, FitIntoLittleMemory) {
 TEST_F(StreamedLevels, NeedMemoryForTheirTree) {
   const std::string path = write();
   const std::string message =
-      message_of([&] { LoadedCloud(path, {.columns = {.levels = true}, .memory = 1000}); });
+      test::message_of([&] { LoadedCloud(path, {.columns = {.levels = true}, .memory = 1000}); });
   EXPECT_NE(message.find("at least, to each process"), std::string::npos) << message;
 }
 
