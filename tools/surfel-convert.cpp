@@ -4,10 +4,8 @@
 #include <algorithm>
 #include <array>
 #include <cctype>
-#include <filesystem>
 #include <memory>
 #include <numbers>
-#include <string_view>
 #include <utility>
 
 #include <fmt/format.h>
@@ -16,25 +14,20 @@
 #include <surfel/base/error.h>
 #include <surfel/base/memory.h>
 #include <surfel/base/rotation.h>
-#include <surfel/base/shell_quote.h>
 #include <surfel/base/timing.h>
 #include <surfel/io/cloud_io.h>
 #include <surfel/io/cloud_sort.h>
 #include <surfel/io/gaussian_io.h>
-#include <surfel/io/level_store.h>
-#include <surfel/lod/level_store_writer.h>
 #include <surfel/measure/cloud_statistics.h>
 #include <surfel/scene/coordinate_system.h>
 #include <surfel/scene/gaussian_transform.h>
 #include <surfel/scene/gaussians_of_surfels.h>
 #include <surfel/scene/join.h>
 #include <surfel/scene/keep_columns.h>
-#include <surfel/scene/surfel_variance.h>
 #include <surfel/scene/transform.h>
 #include <sys/resource.h>
 
 #include "tools/support/gaussians.h"
-#include "tools/support/level_store.h"
 #include "tools/support/options.h"
 #include "tools/support/resume.h"
 #include "tools/support/surfels.h"
@@ -47,7 +40,6 @@ struct Settings {
   std::string output;
   bool as_gaussians = false;
   bool ascii = false;
-  bool append = false;  ///< To a store of levels of detail.
   std::string material;
   bool align = false;
   surfel::AlignOptions alignment;
@@ -75,9 +67,6 @@ void declare_options(CLI::App& app, Settings& s) {
                  "Surfels to write (PLY, PCD, LAS, LAZ, XYZ, CSV, points of OBJ; - = standard "
                  "output), or Gaussians (.splat, .usda, PLY with --gaussians)")
       ->required();
-  app.add_flag("--append", s.append,
-               "Add surfels to the store of levels of detail (a folder that surfel-lod made) that "
-               "--output names; only the blocks that they lie in are written again");
   app.add_flag("--gaussians", s.as_gaussians,
                "Write surfels as Gaussians in space, as PLY files of trained splats have them, for "
                "viewers of splats; names that end in .splat and .usda say so themselves");
@@ -93,8 +82,8 @@ void declare_options(CLI::App& app, Settings& s) {
       "fills space, where what is near in space is near in the file: such files (binary PLY) "
       "are read faster, and worked on piece by piece where they are larger than memory");
   add_memory(app, s.memory,
-             "Of --sort curve and --append: memory for surfels; what does not fit is sorted on the "
-             "disk of the result, and takes as much again there meanwhile");
+             "Of --sort curve: memory for surfels; what does not fit is sorted on the disk of the "
+             "result, and takes as much again there meanwhile");
   surfel::tool::add_resume(app, s.resume);
 
   add_part(app, s.part);
@@ -222,29 +211,7 @@ void check(const CLI::App& app, Settings& s) {
                          surfel::tool::without_effect(app, {"--scale", "--rotate", "--translate"},
                                                       "beside --transform"));
   }
-  if (s.append) {
-    surfel::tool::append(
-        problems,
-        surfel::tool::without_effect(
-            app, {"--ascii", "--gaussians", "--align", "--sort", "--resume", "--no-clobber"},
-            "beside --append"));
-    const auto is_store = [&](const std::string& input) {
-      std::error_code none;
-      return std::filesystem::equivalent(input, s.output, none);
-    };
-    if (std::any_of(s.inputs.begin(), s.inputs.end(), is_store)) {
-      problems.push_back(s.output + ": has its own surfels already; append others");
-    }
-    if (std::count(s.inputs.begin(), s.inputs.end(), "-") > 0) {
-      problems.emplace_back(
-          "--append reads its files twice, and standard input once only; name "
-          "files");
-    }
-  } else if (surfel::tool::names_store(s.output)) {
-    problems.push_back(s.output +
-                       ": is the name of a folder; name a file, or add to a store of "
-                       "levels of detail by --append");
-  } else if (!s.sorted) {
+  if (!s.sorted) {
     surfel::tool::append(problems, surfel::tool::without_effect(app, {"--memory", "--resume"},
                                                                 "without --sort curve"));
   } else {
@@ -402,54 +369,30 @@ void begin_sort(surfel::tool::Tool& tool, const Settings& s, const surfel::Cloud
 /// Files that are read piece by piece, as often as it takes, joined and changed.
 class JoinedFiles {
  public:
-  /// \param like  what the files are joined to, which is no file itself; null: nothing
-  JoinedFiles(const Settings& s, const surfel::SurfelCloud* like)
-      : settings_(s), changes_(s), first_(like ? 1 : 0), names_(s.inputs), join_(s.join) {
+  explicit JoinedFiles(const Settings& s) : settings_(s), changes_(s) {
     allow_open_files(s.inputs.size());
-    if (like) {
-      heads_.push_back(*like);
-      names_.insert(names_.begin(), s.output);
-      if (!join_.material.empty()) join_.material.insert(join_.material.begin(), -1);
-    }
     for (const std::string& input : s.inputs) {
       readers_.push_back(std::make_unique<surfel::CloudReader>(input, s.part.options()));
       heads_.push_back(readers_.back()->first());
     }
   }
 
-  /// What a file has, before it is joined.
-  const surfel::SurfelCloud& head(std::size_t file) const { return heads_[first_ + file]; }
-
   /// Hands on the pieces of all files as they are, and joined and changed:
   /// visit(file, piece, changed), where changed() makes the latter.
   template <class Visit>
   surfel::JoinReport for_each(const Visit& visit) {
-    surfel::CloudJoiner joiner(heads_, join_, names_);
+    surfel::CloudJoiner joiner(heads_, settings_.join, settings_.inputs);
     for (std::size_t k = 0; k < readers_.size(); ++k) {
       readers_[k]->for_each([&](surfel::SurfelCloud piece) {
         const auto changed = [&] {
-          const std::optional<surfel::LasStorage> steps = piece.las;
-          surfel::SurfelCloud out = joiner.joined(first_ + k, std::move(piece));
-          // A store has steps of its own for no file: each file's coordinates stay multiples of
-          // its.
-          if (first_ > 0) out.las = steps;
+          surfel::SurfelCloud out = joiner.joined(k, std::move(piece));
           changes_.apply(out);
           return out;
         };
         visit(k, piece, changed);
       });
     }
-    surfel::JoinReport report = joiner.report();
-    if (first_ == 0) return report;
-    // Levels of detail give all surfels these columns.
-    constexpr std::array<std::string_view, 5> kOfLevels = {"tangent", "variance_u", "variance_v",
-                                                           "area", "level"};
-    std::erase_if(report.filled, [&](const auto& filled) {
-      return filled.cloud == 0 ||
-             std::find(kOfLevels.begin(), kOfLevels.end(), filled.column) != kOfLevels.end();
-    });
-    for (auto& filled : report.filled) --filled.cloud;
-    return report;
+    return joiner.report();
   }
 
   /// The first pass: visit(changed piece) for all, and what there is to tell of the files.
@@ -464,7 +407,7 @@ class JoinedFiles {
           counts[k] += piece.size();
           not_finite[k].add(piece);
           // How many bits the colours of a LAS file have is known once it was read.
-          heads_[first_ + k] = surfel::CloudJoiner::head(piece);
+          heads_[k] = surfel::CloudJoiner::head(piece);
           visit(changed());
         });
     for (std::size_t k = 0; k < readers_.size(); ++k) {
@@ -477,9 +420,6 @@ class JoinedFiles {
  private:
   const Settings& settings_;
   Changes changes_;
-  std::size_t first_;  ///< Heads before the files' own.
-  std::vector<std::string> names_;
-  surfel::JoinOptions join_;
   std::vector<std::unique_ptr<surfel::CloudReader>> readers_;
   std::vector<surfel::SurfelCloud> heads_;
 };
@@ -488,7 +428,7 @@ class JoinedFiles {
 /// there will be and which types hold their values.
 std::string convert_pieces(surfel::tool::Tool& tool, const Settings& s) {
   const surfel::Timer timer;
-  JoinedFiles files(s, nullptr);
+  JoinedFiles files(s);
   surfel::CloudSurvey survey(s.output);
   surfel::PositionSample sample;
   files.survey(tool, [&](const surfel::SurfelCloud& piece) {
@@ -519,41 +459,6 @@ std::string convert_pieces(surfel::tool::Tool& tool, const Settings& s) {
   if (writer) writer->commit();
   if (sorter) sorter->commit();
   return counted_surfels(tool, survey.count);
-}
-
-/// Adds the surfels of the files to a store of levels of detail.
-std::string append_to_store(surfel::tool::Tool& tool, const Settings& s) {
-  if (!surfel::is_level_store(s.output)) {
-    surfel::throw_input(s.output,
-                        "is no store of levels of detail; make one first: surfel-lod surfels.ply "
-                        "-o " +
-                            surfel::shell_file(surfel::path_in(s.output, "")));
-  }
-  const surfel::SurfelCloud head = surfel::level_store_head(s.output);
-  JoinedFiles files(s, &head);
-  for (std::size_t k = 0; k < s.inputs.size(); ++k) {
-    const char* missing = !surfel::has_variance(files.head(k))                   ? "variances"
-                          : files.head(k).normal.empty() && !head.normal.empty() ? "normals"
-                                                                                 : nullptr;
-    if (!missing) continue;
-    surfel::throw_input(s.inputs[k], fmt::format("has no {}, which surfels need; make them first: "
-                                                 "surfel-estimate {} -o surfels.ply",
-                                                 missing, surfel::shell_file(s.inputs[k])));
-  }
-  bool surveyed = false;
-  surfel::LevelStoreReport written;
-  surfel::append_to_level_store(
-      s.output,
-      [&](surfel::FunctionRef<void(surfel::SurfelCloud)> visit) {
-        if (!std::exchange(surveyed, true)) return files.survey(tool, visit);
-        files.for_each([&](std::size_t, const surfel::SurfelCloud&, const auto& changed) {
-          visit(changed());
-        });
-      },
-      surfel::memory_to_use(s.memory), &written, s.inputs.front());
-  surfel::tool::tell_left_out(tool, s.inputs.front(), written.dropped);
-  tool.report()["surfels"] = written.added;
-  return surfel::tool::tell_store(tool, s.output, written);
 }
 
 /// All files in memory, moved onto one another where that is asked for, joined and changed.
@@ -640,8 +545,8 @@ int main(int argc, char** argv) {
       "into one, and makes splats of surfels.");
   Settings s;
   declare_options(tool.app(), s);
-  tool.everyday({"--output", "--gaussians", "--ascii", "--append", "--sort", "--align",
-                 "--material", "--scale", "--rotate", "--translate"},
+  tool.everyday({"--output", "--gaussians", "--ascii", "--sort", "--align", "--material", "--scale",
+                 "--rotate", "--translate"},
                 {"surfel-convert lion.ply -o lion.splat",
                  "surfel-convert city.laz --sort curve -o sorted.ply",
                  "surfel-convert front.ply back.ply --align -o whole.ply"});
@@ -654,11 +559,7 @@ int main(int argc, char** argv) {
       return surfel::holds_gaussians(file);
     };
     const bool splats = std::any_of(s.inputs.begin(), s.inputs.end(), holds_gaussians);
-    if (splats && s.append) {
-      surfel::throw_usage(s.output + ": a store holds surfels, no Gaussians; leave out --append");
-    }
-    const auto convert = s.append              ? append_to_store
-                         : splats              ? convert_gaussians
+    const auto convert = splats                ? convert_gaussians
                          : writes_gaussians(s) ? convert_to_gaussians
                          : s.align             ? convert_aligned
                                                : convert_pieces;

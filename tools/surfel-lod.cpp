@@ -15,11 +15,9 @@
 #include <surfel/io/levels_writer.h>
 #include <surfel/lod/gaussian_hierarchy.h>
 #include <surfel/lod/hierarchy.h>
-#include <surfel/lod/level_store_writer.h>
 #include <surfel/scene/cloud_rows.h>
 
 #include "tools/support/gaussians.h"
-#include "tools/support/level_store.h"
 #include "tools/support/options.h"
 #include "tools/support/resume.h"
 #include "tools/support/run_ranks.h"
@@ -43,9 +41,7 @@ void declare_options(CLI::App& app, Settings& s) {
          ".ksplat)")
       ->required();
   app.add_option("-o,--output", s.output,
-                 "Surfels or Gaussians of all levels to write (PLY; - = standard output), or "
-                 "surfels as a store, to which surfel-convert --append adds: a folder, whose name "
-                 "ends in /")
+                 "Surfels or Gaussians of all levels to write (PLY; - = standard output)")
       ->required();
   app.option_defaults()->group("Levels");
   app.add_option("--reduction", s.hierarchy.reduction,
@@ -60,7 +56,7 @@ void declare_options(CLI::App& app, Settings& s) {
   surfel::tool::add_memory(
       app, s.memory,
       "Memory for surfels and their levels; a binary PLY file in space-filling "
-      "order (surfel-convert --sort curve) may be larger, and so may any file for a store");
+      "order (surfel-convert --sort curve) may be larger");
   surfel::tool::add_resume(app, s.resume);
 }
 
@@ -160,29 +156,6 @@ void add_levels_of_surfels(surfel::tool::Tool& tool, const Settings& s, surfel::
                          levels.levels.size(), levels.levels.front(), levels.levels.back()));
 }
 
-/// Makes a store: its blocks need no file in order, as they are sorted on the disk.
-void make_store(surfel::tool::Tool& tool, const Settings& s) {
-  surfel::tool::require_valid(
-      surfel::tool::without_effect(tool.app(), {"--resume"}, "on a store of levels"));
-  if (s.input == "-") {
-    surfel::throw_usage(
-        "a store reads its surfels twice, and standard input once only; name a file");
-  }
-  surfel::LevelStoreOptions options;
-  options.hierarchy = s.hierarchy;
-  options.hierarchy.memory = surfel::memory_to_use(s.memory);
-  options.no_clobber = tool.common().no_clobber;
-  const surfel::CloudReader reader(s.input);
-  surfel::tool::tell_finest(tool, s.input, reader.first(), reader.size());
-  surfel::LevelStoreReport written;
-  surfel::make_level_store(
-      s.output,
-      [&](surfel::FunctionRef<void(surfel::SurfelCloud)> visit) { reader.for_each(visit); },
-      options, &written, s.input);
-  surfel::tool::tell_left_out(tool, s.input, written.dropped);
-  tool.wrote(s.output, surfel::tool::tell_store(tool, s.output, written));
-}
-
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -198,14 +171,7 @@ int main(int argc, char** argv) {
   tool.files().writes("--output", surfel::tool::Writes::kLevels);
   return surfel::tool::run_ranks(tool, argc, argv, [&](surfel::Ranks* ranks) {
     surfel::tool::require_valid(s.hierarchy.problems());
-    const bool store = surfel::tool::names_store(s.output);
-    if (store && ranks) {
-      surfel::throw_usage("a store is made by one process; start surfel-lod without mpirun");
-    }
-    if (!surfel::holds_gaussians(s.input)) {
-      return store ? make_store(tool, s) : add_levels_of_surfels(tool, s, ranks);
-    }
-    if (store) surfel::throw_usage(s.output + ": a store holds surfels, no Gaussians; name a .ply");
+    if (!surfel::holds_gaussians(s.input)) return add_levels_of_surfels(tool, s, ranks);
     if (ranks) {
       surfel::throw_usage(
           "levels of Gaussians are made by one process; start surfel-lod without "

@@ -83,15 +83,14 @@ struct Subject {
 
 /// Reads what is to be drawn, and reports what it is.
 void load(surfel::tool::Tool& tool, const Settings& s, const surfel::Scene& scene,
-          const std::vector<AskedView>& asked, bool gaussians, surfel::Ranks* ranks,
-          Subject& subject) {
+          const std::vector<AskedView>& asked, bool gaussians, Subject& subject) {
   const surfel::Timer timer;
   if (gaussians) {
     subject.gaussians.emplace(tool, s);
     tool.report()["load_ms"] = timer.milliseconds();
     return;
   }
-  if (!s.inputs.empty()) subject.loaded = load_surfels(tool, s, asked, ranks, subject.legend);
+  if (!s.inputs.empty()) subject.loaded = load_surfels(tool, s, asked, subject.legend);
   if (!s.mesh.empty()) subject.mesh.emplace(tool, s, scene);
   const surfel::LoadedCloud* loaded = subject.loaded.get();
   const surfel::RenderCloud* surfels = loaded ? &loaded->surfels() : nullptr;
@@ -102,7 +101,6 @@ void load(surfel::tool::Tool& tool, const Settings& s, const surfel::Scene& scen
   report["dropped"] = surfels ? surfels->dropped().total() : 0;
   report["copies_left_out"] = surfels ? surfels->copies() : 0;
   report["streamed"] = loaded && !loaded->store().resident();
-  report["shared"] = loaded && loaded->part();
   report["faces"] = subject.mesh ? subject.mesh->mesh().face.size() : 0;
 }
 
@@ -203,9 +201,9 @@ void check_ranks(surfel::tool::Tool& tool, const Settings& s) {
 }
 
 /// Paints the rows of a view that this process is to paint; process 0 has the whole picture then.
-surfel::Image paint_rows(const Settings& s, const Subject& subject, const Paint& paint,
-                         surfel::View view, surfel::Scene& scene, surfel::Ranks& ranks,
-                         surfel::RowBalance& balance, surfel::FrameStatistics& frame,
+surfel::Image paint_rows(const Settings& s, const Paint& paint, surfel::View view,
+                         surfel::Scene& scene, surfel::Ranks& ranks, surfel::RowBalance& balance,
+                         surfel::FrameStatistics& frame,
                          const std::function<void(double)>& progress) {
   if (view.lens) {
     surfel::throw_usage(
@@ -214,9 +212,7 @@ surfel::Image paint_rows(const Settings& s, const Subject& subject, const Paint&
   const std::vector<surfel::RowRange> rows = balance.rows(view.camera.height);
   view.camera.rows = rows[static_cast<std::size_t>(ranks.rank())];
   surfel::Image image;
-  // Who has no rows still reads the surfels that it holds for the others.
-  const bool holds = subject.loaded && subject.loaded->part();
-  if (holds || view.camera.rows.begin < view.camera.rows.end) {
+  if (view.camera.rows.begin < view.camera.rows.end) {
     image = paint_view(s, paint, view, scene, frame, progress);
   }
   ranks.gather(image, rows);
@@ -266,7 +262,7 @@ std::vector<std::string> draw(surfel::tool::Tool& tool, const Settings& s, Subje
       stage.set_share((static_cast<double>(i) + share) / static_cast<double>(pictures));
     };
     surfel::Image image =
-        ranks ? paint_rows(s, subject, steps[step], view, scene, *ranks, balance, frame, progress)
+        ranks ? paint_rows(s, steps[step], view, scene, *ranks, balance, frame, progress)
               : paint_view(s, steps[step], view, scene, frame, progress);
     if (ranks && ranks->rank() > 0) continue;
     if (legend) surfel::draw_legend(*legend, image);
@@ -360,7 +356,7 @@ int main(int argc, char** argv) {
     if (s.map) tool.files().write_also("the world file", surfel::world_file_name(s.output));
     Subject subject;
     const bool gaussians = draws_gaussians(tool.app(), s);
-    load(tool, s, scene, asked, gaussians, ranks, subject);
+    load(tool, s, scene, asked, gaussians, subject);
     if (subject.loaded && !subject.mesh) {
       const bool named = s.color_by != "auto" && s.color_by != "none";
       choose_light(tool, s, *subject.loaded, named || subject.legend);
@@ -369,9 +365,8 @@ int main(int argc, char** argv) {
     if (s.tiles) choose_part(*s.tiles, views);
     require_pixels(s, views);
     const std::vector<Paint> steps = subject.gaussians ? std::vector{subject.gaussians->paint()}
-                                     : subject.mesh
-                                         ? std::vector{subject.mesh->paint()}
-                                         : surfel_steps(s, *subject.loaded, scene, ranks);
+                                     : subject.mesh    ? std::vector{subject.mesh->paint()}
+                                                       : surfel_steps(s, *subject.loaded, scene);
     std::vector<std::string> files = draw(tool, s, subject, scene, steps, views, shots, ranks);
     if (!leads) return;
     if (movie) {

@@ -37,7 +37,7 @@ struct Settings {
 
 void declare_options(CLI::App& app, Settings& s) {
   app.add_option("surfels", s.inputs,
-                 "Surfels with normals (PLY, PCD, LAS, LAZ, a store of levels); two are compared "
+                 "Surfels with normals (PLY, PCD, LAS, LAZ); two are compared "
                  "by a slider")
       ->required()
       ->expected(1, 2);

@@ -79,7 +79,6 @@ const std::vector<Section>& sections() {
         {"surfel-render ball.ply --tiles 1/2 -o out.png", "out.png"},
         {"surfel-convert ball.ply --sort curve -o out.pcd", "out.pcd"},
         {"surfel-convert ball.ply -o city/", "city/"},
-        {"surfel-convert ball.ply --append -o city/", "city/"},
         {"surfel-generate sphere", "--output"}}},
       {"Words that a tool does not know",
        {{"surfel-render ball.ply -o out.png --zom 2", "--zom"},

@@ -5,7 +5,6 @@
 #include <cerrno>
 #include <chrono>
 #include <cstring>
-#include <map>
 #include <thread>
 #include <utility>
 
@@ -261,114 +260,6 @@ TEST_F(Faults, WorkThatIsKilledAtAnyMomentIsTakenUpAndHasTheSameBytes) {
     EXPECT_FALSE(fs::exists(folder_ / "out.ply.unfinished")) << command;
     EXPECT_FALSE(fs::exists(folder_ / "out.ply.unfinished-parts")) << command;
     EXPECT_FALSE(fs::exists(folder_ / "out.ply.unfinished-scratch")) << command;
-  }
-}
-
-/// A store of levels of detail, and surfels to be added to it.
-class StoreFaults : public Faults {
- protected:
-  static constexpr const char* kAppend = "surfel-convert more.ply --append -o store/ --quiet";
-
-  void SetUp() override {
-    Faults::SetUp();
-    if (IsSkipped()) return;
-    for (const char* made : {"surfel-generate sphere --texture noise --count 300 -o more.ply",
-                             "surfel-lod many.ply -o store/"}) {
-      const RunResult result = run_here(made);
-      ASSERT_EQ(result.exit_code, 0) << result.errors;
-    }
-    older_ = files();
-    ASSERT_EQ(run_here(kAppend).exit_code, 0);
-    newer_ = files();
-    ASSERT_NE(older_, newer_);
-  }
-  /// All files of the store by name, hidden ones too.
-  std::map<std::string, std::string> files() const {
-    std::map<std::string, std::string> all;
-    for (const std::string& name : entries(folder_ / "store")) {
-      all[name] = read_text(folder_ / ("store/" + name));
-    }
-    return all;
-  }
-  void restore_older() const {
-    fs::remove_all(folder_ / "store");
-    fs::create_directory(folder_ / "store");
-    for (const auto& [name, bytes] : older_) write_text(folder_ / ("store/" + name), bytes);
-  }
-
-  std::map<std::string, std::string> older_, newer_;
-};
-
-TEST_F(StoreFaults, EveryCallOfAppendingMayFail) {
-  const std::string seen = seen_ / "seen";
-  for (const Fault& fault :
-       {Fault{"open", EMFILE}, Fault{"write", ENOSPC}, Fault{"write", 0}, Fault{"pwrite", ENOSPC},
-        Fault{"pread", EIO}, Fault{"fsync", EIO}, Fault{"rename", EIO}}) {
-    int failed = 0;
-    for (int number = 1;; ++number) {
-      ASSERT_LT(number, 200) << fault.call;
-      restore_older();
-      const RunResult result = run_here(kAppend, Faults::fault(fault, number, seen));
-      const std::string what =
-          std::string(fault.call) + " " + std::to_string(number) + ": " + result.errors;
-      if (!fs::remove(seen)) break;
-      if (result.exit_code == 0) {
-        EXPECT_TRUE(files() == newer_) << what;
-        continue;
-      }
-      ++failed;
-      EXPECT_EQ(result.exit_code, 1) << what;
-      EXPECT_TRUE(files() == older_) << what;
-      EXPECT_TRUE(contains(result.errors, "store") || contains(result.errors, "more.ply")) << what;
-    }
-    EXPECT_TRUE(failed > 0 || fault.error == 0) << fault.call;
-  }
-}
-
-TEST_F(StoreFaults, KilledAtAnyMomentTheStoreIsTheOlderOrTheNewerOne) {
-  const std::string seen = seen_ / "seen";
-  for (const char* call : {"write", "pwrite"}) {
-    int kills = 0;
-    for (int number = 1;; ++number) {
-      ASSERT_LT(number, 200) << call;
-      restore_older();
-      const RunResult killed = run_here(kAppend, fault({call, -2}, number, seen));
-      if (!fs::remove(seen)) break;
-      ++kills;
-      EXPECT_NE(killed.signal, 0);
-      const std::string what = std::string(call) + " " + std::to_string(number);
-      // The index tells which one it is; all that it names is there, and what else there is goes.
-      const bool newer = files()["index.json"] == newer_["index.json"];
-      EXPECT_TRUE(newer || files()["index.json"] == older_["index.json"]) << what;
-      for (const auto& [name, bytes] : newer ? newer_ : older_) {
-        EXPECT_TRUE(files()[name] == bytes) << what << ' ' << name;
-      }
-      if (newer) continue;
-      const RunResult again = run_here(kAppend);
-      EXPECT_EQ(again.exit_code, 0) << again.errors;
-      EXPECT_TRUE(files() == newer_) << what;
-    }
-    EXPECT_GT(kills, 0) << call;
-  }
-}
-
-TEST_F(StoreFaults, SignalsWhileAStoreIsMadeLeaveNone) {
-  ASSERT_EQ(run_here("surfel-generate terrain --count 100000 --quiet -o terrain.ply").exit_code, 0);
-  const std::string words = "surfel-lod terrain.ply --quiet -o city/";
-  const auto start = std::chrono::steady_clock::now();
-  ASSERT_EQ(run_here(words).exit_code, 0);
-  const auto whole_run = std::chrono::steady_clock::now() - start;
-  fs::remove_all(folder_ / "city");
-  for (int tenth = 0; tenth < 10; tenth += 2) {
-    const RunResult result =
-        run_here(words, "", {.input = {}, .meanwhile = [&](pid_t process) {
-                               std::this_thread::sleep_for(whole_run * tenth / 10);
-                               kill(process, SIGTERM);
-                             }});
-    if (result.exit_code != 0) {
-      EXPECT_FALSE(fs::exists(folder_ / "city")) << tenth << result.errors;
-    }
-    fs::remove_all(folder_ / "city");
   }
 }
 

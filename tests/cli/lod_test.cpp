@@ -121,6 +121,10 @@ TEST_F(SurfelLod, RefusesWhatItCannotWrite) {
       run({tool("surfel-lod"), Sphere::get().plain, "-o", folder_ / "out.pcd"});
   EXPECT_EQ(result.exit_code, 2);
   EXPECT_TRUE(contains(result.errors, "use .ply")) << result.errors;
+  const RunResult folder =
+      run({tool("surfel-lod"), Sphere::get().plain, "-o", folder_ / "levels/"});
+  EXPECT_EQ(folder.exit_code, 2);
+  EXPECT_TRUE(contains(folder.errors, "name of a folder")) << folder.errors;
   EXPECT_EQ(
       run({tool("surfel-lod"), Sphere::get().plain, "-o", folder_ / "out.ply", "--reduction", "1"})
           .exit_code,

@@ -41,17 +41,14 @@ class Mpi : public MpiTest {
     ASSERT_EQ(made.exit_code, 0) << made.errors;
   }
   /// Compares what so many processes make with what one makes.
-  void expect_same_bytes(const std::vector<int>& counts, const Words& options,
-                         const Words& of_processes) {
+  void expect_same_bytes(const std::vector<int>& counts, const Words& options) {
     const RunResult alone = run(command(folder_ / "alone.exr", options));
     ASSERT_EQ(alone.exit_code, 0) << alone.errors;
-    Words more = options;
-    more.insert(more.end(), of_processes.begin(), of_processes.end());
     for (const int ranks : counts) {
-      const RunResult together = run_ranks(ranks, command(folder_ / "together.exr", more));
+      const RunResult together = run_ranks(ranks, command(folder_ / "together.exr", options));
       ASSERT_EQ(together.exit_code, 0) << together.errors;
       EXPECT_TRUE(read_text(folder_ / "together.exr") == read_text(folder_ / "alone.exr"))
-          << ranks << " ranks " << fmt::format("{}", fmt::join(more, " "));
+          << ranks << " ranks " << fmt::format("{}", fmt::join(options, " "));
     }
   }
 
@@ -86,75 +83,32 @@ TEST_F(Mpi, ProcessorsMayDiffer) {
   EXPECT_TRUE(read_text(folder_ / "together.exr") == read_text(folder_ / "alone.exr"));
 }
 
-TEST_F(Mpi, RowsOfLevelsOfDetailHaveTheSameBytes) {
+TEST_F(Mpi, LevelsOfDetailHaveTheSameBytes) {
   make_levels();
-  expect_same_bytes({3}, {"--zoom", "3"}, {"--share", "rows"});
-  expect_same_bytes({2}, {"--lod-error", "8"}, {});
+  expect_same_bytes({3}, {"--zoom", "3"});
+  expect_same_bytes({2}, {"--lod-error", "8"});
+  expect_same_bytes({3}, {"--shading", "phong", "--relief", "occlusion", "--lod-error", "4"});
+  expect_same_bytes({2}, {"--zoom", "4", "--progressive", "2"});
 }
 
-TEST_F(Mpi, SharedSurfelsHaveTheSameBytes) {
-  make_levels();
-  expect_same_bytes({1, 2, 3, 4}, {}, {"--share", "surfels"});
-  expect_same_bytes({3}, {"--shading", "phong", "--relief", "occlusion", "--lod-error", "4"},
-                    {"--share", "surfels"});
-  expect_same_bytes({2}, {"--zoom", "4", "--progressive", "2"}, {"--share", "surfels"});
-}
-
-TEST_F(Mpi, SharedSurfelsAreReported) {
-  make_levels();
-  const std::string report = folder_ / "stats.json";
-  const RunResult made = run_ranks(
-      2, command(folder_ / "a.exr", {"--share", "surfels", "--stats", report, "--turntable", "1"}));
-  ASSERT_EQ(made.exit_code, 0) << made.errors;
-  EXPECT_NE(read_text(report).find("\"sent_bytes\""), std::string::npos);
-  EXPECT_NE(read_text(report).find("\"shared\": true"), std::string::npos);
-}
-
-TEST_F(Mpi, ProcessorsThatShareSurfelsMayDiffer) {
-  make_levels();
-  ASSERT_EQ(run(command(folder_ / "alone.exr")).exit_code, 0);
-  const RunResult together = run_mixed({"sse4", "scalar", "avx2"},
-                                       command(folder_ / "together.exr", {"--share", "surfels"}));
-  ASSERT_EQ(together.exit_code, 0) << together.errors;
-  EXPECT_TRUE(read_text(folder_ / "together.exr") == read_text(folder_ / "alone.exr"));
-}
-
-TEST_F(Mpi, SharedFilesThatAreCutShortAreRefused) {
+TEST_F(Mpi, FilesThatAreCutShortAreRefused) {
   make_levels();
   const std::string bytes = read_text(terrain_);
   write_text(terrain_, bytes.substr(0, bytes.size() - 5000));
   write_text(folder_ / "old.exr", "old");
-  const RunResult failed = run_ranks(2, command(folder_ / "old.exr", {"--share", "surfels"}));
+  const RunResult failed = run_ranks(2, command(folder_ / "old.exr"));
   EXPECT_EQ(failed.exit_code, 1) << failed.errors;
   EXPECT_NE(failed.errors.find("levels.ply"), std::string::npos) << failed.errors;
   EXPECT_EQ(read_text(folder_ / "old.exr"), "old");
 }
 
-TEST_F(Mpi, AProcessThatIsKilledEndsTheSharing) {
+/// Each process holds the whole tree of the levels.
+TEST_F(Mpi, LevelsOfDetailLargerThanMemoryAreRefused) {
   make_levels();
-  write_text(folder_ / "old.exr", "old");
-  Words words = mpirun();
-  words.insert(words.end(), {"-n", "2"});
-  for (const std::string& word : command(folder_ / "old.exr", {"--share", "surfels"})) {
-    words.push_back(word);
-  }
-  words.insert(words.end(), {":", "-n", "1", "sh", "-c", "kill -9 $$"});
-  const RunResult failed = run(words);
-  EXPECT_NE(failed.exit_code, 0);
-  EXPECT_EQ(read_text(folder_ / "old.exr"), "old");
-}
-
-TEST_F(Mpi, WhatCannotBeSharedIsRefused) {
-  const RunResult plain = run_ranks(2, command(folder_ / "a.exr", {"--share", "surfels"}));
-  EXPECT_EQ(plain.exit_code, 1) << plain.errors;
-  EXPECT_NE(plain.errors.find("surfel-lod"), std::string::npos) << plain.errors;
-  make_levels();
-  const RunResult alone = run(command(folder_ / "a.exr", {"--share", "rows"}));
-  EXPECT_EQ(alone.exit_code, 2) << alone.errors;
-  EXPECT_NE(alone.errors.find("mpirun"), std::string::npos) << alone.errors;
-  const RunResult finest =
-      run_ranks(2, command(folder_ / "a.exr", {"--share", "surfels", "--lod", "off"}));
-  EXPECT_EQ(finest.exit_code, 2) << finest.errors;
+  const RunResult failed = run_ranks(2, command(folder_ / "a.exr", {"--memory", "100k"}));
+  EXPECT_EQ(failed.exit_code, 1) << failed.errors;
+  EXPECT_NE(failed.errors.find("levels.ply"), std::string::npos) << failed.errors;
+  EXPECT_NE(failed.errors.find("to each process"), std::string::npos) << failed.errors;
   EXPECT_FALSE(fs::exists(folder_ / "a.exr"));
 }
 

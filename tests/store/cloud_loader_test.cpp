@@ -25,6 +25,7 @@
 #include <surfel/store/record_source.h>
 
 #include "support/memory_file.h"
+#include "support/message_of.h"
 #include "support/run_tool.h"
 
 namespace surfel {
@@ -593,6 +594,14 @@ TEST_F(StreamedLevels, FitIntoLittleMemory) {
     }
     set_thread_count(0);
   }
+}
+
+/// The message tells what processes need that draw them together, too.
+TEST_F(StreamedLevels, NeedMemoryForTheirTree) {
+  const std::string path = write();
+  const std::string message =
+      test::message_of([&] { LoadedCloud(path, {.columns = {.levels = true}, .memory = 1000}); });
+  EXPECT_NE(message.find("at least, to each process"), std::string::npos) << message;
 }
 
 /// What is not seen is not looked at; what is wrong is not drawn, not at the next try either.

@@ -23,12 +23,6 @@ nlohmann::json to_json(const FrameStatistics& frame) {
                          {"culled_fragments", frame.culled},
                          {"peeled_layers", frame.peeled_layers},
                          {"unpeeled_pixels", frame.unpeeled_pixels}};
-  if (frame.exchanges > 0) {
-    json["exchanges"] = frame.exchanges;
-    json["sent_bytes"] = frame.sent_bytes;
-    json["most_received_bytes"] = frame.most_received_bytes;
-    json["most_held_clusters"] = frame.most_held_clusters;
-  }
   tool::add_stages(json, frame.stages);
   return json;
 }

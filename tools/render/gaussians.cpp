@@ -49,7 +49,7 @@ std::vector<std::string> options_of_surfels() {
                                    "--keep",        "--print-commands",
                                    "--explain",     "--columns",
                                    "--level",       "--bounds",
-                                   "--every",       "--share"};
+                                   "--every"};
   for (const std::string& option : tool::normal_map_options()) options.push_back(option);
   return options;
 }

@@ -8,7 +8,6 @@
 #include <surfel/base/timing.h>
 #include <surfel/io/mesh_io.h>
 #include <surfel/io/scene_file.h>
-#include <surfel/ranks/shared_renderer.h>
 #include <surfel/render/environment_map.h>
 #include <surfel/render/lens_picture.h>
 #include <surfel/truth/reference.h>
@@ -45,7 +44,7 @@ Paint paint_bounded(std::shared_ptr<Renderer> renderer, const std::string& name)
 
 /// The renderer of surfels that the settings choose, with these options.
 Paint surfel_painter(const Settings& s, const RenderOptions& options, const LoadedCloud& loaded,
-                     const Scene& scene, Peers* peers) {
+                     const Scene& scene) {
   const RenderCloud& surfels = loaded.surfels();
   if (s.reference) {
     return paint_bounded(std::make_shared<ReferenceRenderer>(surfels, scene, options, s.rays),
@@ -54,13 +53,6 @@ Paint surfel_painter(const Settings& s, const RenderOptions& options, const Load
   if (s.filter == Filter::kEwaSource) {
     return paint_bounded(std::make_shared<SourceEwaRenderer>(surfels, scene, options),
                          tool::shown_name(s.inputs.front()));
-  }
-  if (loaded.part()) {
-    const auto shared = std::make_shared<SharedRenderer>(loaded, *peers, scene, options);
-    return [shared](const Camera& camera, FrameStatistics& statistics,
-                    const std::function<void(double)>&) {
-      return shared->render(camera, &statistics);
-    };
   }
   const auto renderer = std::make_shared<Renderer>(loaded.store(), scene, options);
   return [renderer](const Camera& camera, FrameStatistics& statistics,
@@ -83,15 +75,14 @@ Scene load_scene(tool::Tool& tool, const Settings& s) {
   return scene;
 }
 
-std::vector<Paint> surfel_steps(const Settings& s, const LoadedCloud& surfels, const Scene& scene,
-                                Peers* peers) {
+std::vector<Paint> surfel_steps(const Settings& s, const LoadedCloud& surfels, const Scene& scene) {
   std::vector<Paint> steps;
   for (int step = s.progressive - 1; step > 0; --step) {
     RenderOptions coarse = s.render;
     coarse.lod_error = std::min(1000.0, std::ldexp(s.render.lod_pixels(), step));
-    steps.push_back(surfel_painter(s, coarse, surfels, scene, peers));
+    steps.push_back(surfel_painter(s, coarse, surfels, scene));
   }
-  steps.push_back(surfel_painter(s, s.render, surfels, scene, peers));
+  steps.push_back(surfel_painter(s, s.render, surfels, scene));
   return steps;
 }
 

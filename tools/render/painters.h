@@ -30,9 +30,7 @@ using Paint = std::function<Image(const Camera& camera, FrameStatistics& statist
 Scene load_scene(tool::Tool& tool, const Settings& s);
 
 /// The renderers of a picture's steps, coarsest first. They refer to the surfels and the scene.
-/// \param peers  hold the other parts of the surfels, where they hold but a part.
-std::vector<Paint> surfel_steps(const Settings& s, const LoadedCloud& surfels, const Scene& scene,
-                                Peers* peers);
+std::vector<Paint> surfel_steps(const Settings& s, const LoadedCloud& surfels, const Scene& scene);
 
 /// Makes the picture of a view. One through a lens is made of one or more pictures of pinholes,
 /// whose numbers are added up; where these look in several directions, lights that move with the

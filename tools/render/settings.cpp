@@ -9,7 +9,6 @@
 #include <surfel/base/error.h>
 #include <surfel/gaussian/gaussian_cut.h>
 #include <surfel/io/image_io.h>
-#include <surfel/ranks/ranks.h>
 #include <surfel/scene/coordinate_system.h>
 #include <surfel/store/attribute_values.h>
 
@@ -304,22 +303,6 @@ void check_levels(const CLI::App& app, const Settings& s) {
   }
 }
 
-/// Processes share surfels where they draw levels of detail.
-void check_share(const CLI::App& app, const Settings& s) {
-  if (app.get_option("--share")->count() == 0) return;
-  if (!started_rank().by_mpirun) {
-    throw_usage("--share is of processes that mpirun starts; leave it out");
-  }
-  if (s.share == LevelShare::kPart && (s.method != Method::kABuffer || !wants_levels(s))) {
-    throw_usage(
-        "--share surfels divides levels of detail, which are not used here; leave it out, or see "
-        "--lod");
-  }
-  if (s.share == LevelShare::kPart && s.inputs.size() != 1) {
-    throw_usage("--share surfels divides the levels of detail of one file; leave it out");
-  }
-}
-
 /// Fills in fields of the library's options that the command line has in other types.
 void finish(Settings& s) {
   s.render.method = compositing_method(s.method, s.method_options);
@@ -594,13 +577,6 @@ void declare_options(CLI::App& app, Settings& s) {
              "Memory for surfels or Gaussians and what a picture makes of them; a binary PLY file "
              "that needs more, in space-filling order or nearly, is read piece by piece, for each "
              "picture anew; of levels of detail only what is shown is read");
-  add_choice(
-      app, "--share", s.share,
-      {{"auto", LevelShare::kAuto}, {"rows", LevelShare::kWhole}, {"surfels", LevelShare::kPart}},
-      "What processes started by mpirun divide: the rows of pictures, where each holds the "
-      "tree of the levels of detail and reads what its rows show, or the tree and its "
-      "surfels as well, where each reads its own and sends what others' rows show; auto: "
-      "rows, if the tree fits into --memory of each");
 }
 
 bool wants_film(const Settings& s) {
@@ -633,7 +609,6 @@ void settle(const CLI::App& app, Settings& s) {
   check_tiles(app, s);
   require_effect(app, s);
   check_levels(app, s);
-  check_share(app, s);
   check(s);
 }
 

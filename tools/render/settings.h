@@ -81,7 +81,6 @@ struct Settings {
   bool reference = false;
   ReferenceOptions rays;
   std::optional<std::uint64_t> memory;
-  LevelShare share = LevelShare::kAuto;  ///< Of processes that mpirun has started.
   std::string mesh;
   TextureSourceOptions texture;
   tool::NormalMapSettings normals;

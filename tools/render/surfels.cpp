@@ -94,7 +94,7 @@ std::unique_ptr<LoadedCloud> load_files(tool::Tool& tool, const Settings& s,
 }  // namespace
 
 std::unique_ptr<LoadedCloud> load_surfels(tool::Tool& tool, const Settings& s,
-                                          const std::vector<AskedView>& views, Peers* peers,
+                                          const std::vector<AskedView>& views,
                                           std::optional<Legend>& legend) {
   const std::string name = tool::shown_name(s.inputs.front());
   CloudLoadOptions options{
@@ -102,9 +102,7 @@ std::unique_ptr<LoadedCloud> load_surfels(tool::Tool& tool, const Settings& s,
       .memory = s.memory,
       .may_stream = s.method == Method::kABuffer && !s.reference && s.filter != Filter::kEwaSource,
       .batch = s.render.batch,
-      .sample = needs_guess(s, views),
-      .peers = peers,
-      .share = s.share};
+      .sample = needs_guess(s, views)};
   options.columns.levels = wants_levels(s);
   options.columns.places = !s.explained_pixels.empty();
   Coloring coloring;

@@ -9,7 +9,6 @@
 #include <surfel/io/image_io.h>
 #include <sys/stat.h>
 
-#include "tools/support/level_store.h"
 #include "tools/support/surfels.h"
 
 namespace surfel::tool {
@@ -83,8 +82,6 @@ std::string lower_extension(const std::string& path) {
 
 void require_format(const std::string& path, Writes what) {
   if (what == Writes::kAny) return;
-  const bool may_be_store = what == Writes::kLevels || what == Writes::kSurfelsOrGaussians;
-  if (may_be_store && names_store(path)) return;
   if (path.ends_with('/')) {
     throw_usage(fmt::format("{}: is the name of a folder; name a file", path));
   }

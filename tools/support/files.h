@@ -10,17 +10,16 @@ namespace surfel::tool {
 /// What a tool writes to a file; it decides on the extensions that the file's name may have.
 enum class Writes {
   kSurfels,             ///< .ply, .pcd, .las, .laz; a name without extension is PLY.
-  kSurfelsOrGaussians,  ///< The same, or .splat, .usda, or a store of levels (names_store()).
+  kSurfelsOrGaussians,  ///< The same, or .splat, .usda.
   kDensities,           ///< Gaussians that are densities: .ply; a name without extension is PLY.
-  /// Surfels with levels of detail: .ply; a name without extension is PLY. Or a store of them.
-  kLevels,
-  kMesh,     ///< .obj, .ply.
-  kPicture,  ///< What write_image() writes.
-  kFilm,     ///< The same, or .mp4, .webm, .gif.
-  kSky,      ///< Pictures of unbounded values: .exr, .hdr.
-  kReport,   ///< .json, or no extension.
-  kPage,     ///< .html, .htm.
-  kAny       ///< A folder, or what is known only later: any name.
+  kLevels,              ///< Surfels with levels of detail: .ply; a name without extension is PLY.
+  kMesh,                ///< .obj, .ply.
+  kPicture,             ///< What write_image() writes.
+  kFilm,                ///< The same, or .mp4, .webm, .gif.
+  kSky,                 ///< Pictures of unbounded values: .exr, .hdr.
+  kReport,              ///< .json, or no extension.
+  kPage,                ///< .html, .htm.
+  kAny                  ///< A folder, or what is known only later: any name.
 };
 
 /// The extension of a file's name with its dot, in lower case.

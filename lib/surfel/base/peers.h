@@ -60,16 +60,6 @@ std::vector<std::vector<T>> gather_lists(Peers* peers, const std::vector<T>& min
   return all;
 }
 
-/// The greatest of the peers' values.
-template <class T>
-T greatest_of(Peers* peers, const T& mine) {
-  T greatest = mine;
-  for (const std::vector<T>& values : gather_lists(peers, std::vector<T>{mine})) {
-    greatest = std::max(greatest, values.front());
-  }
-  return greatest;
-}
-
 /// The least of the peers' values.
 template <class T>
 T least_of(Peers* peers, const T& mine) {
@@ -78,16 +68,6 @@ T least_of(Peers* peers, const T& mine) {
     least = std::min(least, values.front());
   }
   return least;
-}
-
-/// The sum of the peers' values.
-template <class T>
-T sum_of(Peers* peers, const T& mine) {
-  T sum{};
-  for (const std::vector<T>& values : gather_lists(peers, std::vector<T>{mine})) {
-    sum += values.front();
-  }
-  return sum;
 }
 
 }  // namespace surfel

@@ -2,14 +2,12 @@
 #include <array>
 #include <cstring>
 #include <limits>
-#include <numeric>
 #include <optional>
 #include <span>
 #include <utility>
 
 #include <fmt/format.h>
 #include <surfel/base/crc32c.h>
-#include <surfel/base/curve_cell.h>
 #include <surfel/base/error.h>
 #include <surfel/base/morton.h>
 #include <surfel/base/parallel.h>
@@ -38,21 +36,18 @@ constexpr std::uint64_t kMostParts = 4096;
 /// Checkpoints of the distribution have numbers from here on, parts of the curve smaller ones.
 constexpr std::uint64_t kDistribution = std::uint64_t{1} << 32;
 
-/// A place along the curve.
+/// A place along the curve through a grid.
 struct CurvePlace {
   std::uint64_t code;
-  Vec3d position;
+  Vec3f position;
 
-  /// A place along the curve through a grid.
   CurvePlace(const Vec3f& p, const MortonGrid& grid)
       : code(p.allFinite() ? grid.code(p) : std::numeric_limits<std::uint64_t>::max()),
-        position(p.cast<double>()) {}
-  /// A place along the curve through all of space.
-  explicit CurvePlace(const Vec3d& p) : code(0), position(p) {}
+        position(p) {}
   /// As morton_order() orders points; what is not finite comes last.
   bool operator<(const CurvePlace& other) const {
     if (code != other.code) return code < other.code;
-    return position.allFinite() && before_in_space(position, other.position);
+    return position.allFinite() && before_on_curve(position, other.position);
   }
 };
 
@@ -98,7 +93,6 @@ struct SortedCloudWriter::Impl {
   Vec3d origin{0, 0, 0};
   MortonGrid grid;
   std::optional<RecordPositions> positions;
-  bool all_space;
   std::vector<CurvePlace> first;  ///< Of each part but the first: where it begins.
   std::vector<Part> parts;
   std::optional<ScratchFile> scratch;
@@ -122,9 +116,7 @@ struct SortedCloudWriter::Impl {
   Array<std::byte> read(Part& part) const;
   void write(Part& part, std::uint64_t at);
   Vec3f placed(const Vec3d& world) const;
-  CurvePlace place_of(const Vec3d& world) const {
-    return all_space ? CurvePlace(world) : CurvePlace(placed(world), grid);
-  }
+  CurvePlace place_of(const Vec3d& world) const { return {placed(world), grid}; }
   Array<std::uint32_t> order_of(const std::byte* from, std::size_t size) const;
   std::uint64_t bytes_to_sort(std::uint64_t surfels) const {
     return surfels * (2 * stride + kSortBytes);
@@ -166,7 +158,6 @@ SortedCloudWriter::Impl::Impl(std::string to, const CloudSurvey& survey,
       head(like.gathered({0})),
       count(survey.count),
       memory(std::max(options.memory, kLeastMemory)),
-      all_space(options.all_space),
       resumable(!options.job.empty()),
       kept_bytes(options.kept_bytes) {
   const CloudRecords made(like, {});
@@ -326,18 +317,10 @@ Array<std::byte> SortedCloudWriter::Impl::read(Part& part) const {
 /// The order of records along the curve.
 Array<std::uint32_t> SortedCloudWriter::Impl::order_of(const std::byte* from,
                                                        std::size_t size) const {
-  if (!all_space) {
-    Array<Vec3f> position(size);
-    parallel_each(size, kSortGrain,
-                  [&](std::size_t i) { position[i] = placed((*positions)(from, i)); });
-    return morton_order(position, grid);
-  }
-  Array<std::uint32_t> order(size);
-  std::iota(order.begin(), order.end(), 0U);
-  std::sort(order.begin(), order.end(), [&](std::uint32_t a, std::uint32_t b) {
-    return before_in_space((*positions)(from, a), (*positions)(from, b));
-  });
-  return order;
+  Array<Vec3f> position(size);
+  parallel_each(size, kSortGrain,
+                [&](std::size_t i) { position[i] = placed((*positions)(from, i)); });
+  return morton_order(position, grid);
 }
 
 /// Sorts a part, and writes it as the rows from `at` on.

@@ -37,10 +37,6 @@ struct CloudSortOptions {
   std::string job = {};
   /// Bytes that are distributed at most before what was done is kept for a later run.
   std::uint64_t kept_bytes = std::uint64_t{1} << 28;
-  /// Along the curve through all of space (before_in_space() of world coordinates, all finite)
-  /// instead of the curve through the cube around the surfels. Surfels that lie at one place come
-  /// in any order.
-  bool all_space = false;
 };
 
 /// Writes a cloud as binary PLY, its surfels in the order of morton_order(), as a reader of the

@@ -10,8 +10,6 @@
 #include <surfel/base/progress.h>
 #include <surfel/base/standard_streams.h>
 #include <surfel/io/input_file.h>
-#include <surfel/io/level_store.h>
-#include <surfel/io/level_store_bytes.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -57,12 +55,7 @@ InputFile::InputFile(const std::string& path) : name_(path == "-" ? "standard in
     throw_io(name_,
              "cannot be opened: " + cause() + (missing ? "; check its name and folder" : ""));
   }
-  if (S_ISDIR(status.st_mode)) {
-    if (!is_level_store(path)) throw_io(name_, "is a directory; name a file");
-    parts_ = open_level_store(path);
-    size_ = parts_->size();
-    return;
-  }
+  if (S_ISDIR(status.st_mode)) throw_io(name_, "is a directory; name a file");
   const bool whole = S_ISREG(status.st_mode) && lseek(file.value, 0, SEEK_CUR) == 0;
   if (!whole) {
     read_pipe(file.value);
@@ -83,7 +76,6 @@ InputFile::InputFile(InputFile&& other) noexcept
     : name_(std::move(other.name_)),
       size_(std::exchange(other.size_, 0)),
       descriptor_(std::exchange(other.descriptor_, -1)),
-      parts_(std::move(other.parts_)),
       start_(std::move(other.start_)) {}
 
 std::span<const std::byte> InputFile::head(std::size_t size) const {
@@ -119,7 +111,6 @@ std::string_view InputFile::header(std::string_view last) const {
 }
 
 void InputFile::read(std::byte* to, std::size_t offset, std::size_t size) const {
-  if (parts_) return parts_->read(to, offset, size);
   for (std::size_t done = 0; done < size;) {
     const ssize_t got =
         pread(descriptor_, to + done, size - done, static_cast<off_t>(offset + done));
@@ -139,7 +130,6 @@ const std::byte* InputFile::read_at(std::size_t offset, std::size_t size,
 }
 
 void InputFile::expect(std::size_t offset, std::size_t size) const noexcept {
-  if (parts_) return parts_->expect(offset, size);
   if (descriptor_ < 0) return;
   posix_fadvise(descriptor_, static_cast<off_t>(offset), static_cast<off_t>(size),
                 POSIX_FADV_WILLNEED);

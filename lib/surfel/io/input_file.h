@@ -1,7 +1,6 @@
 #pragma once
 
 #include <cstddef>
-#include <memory>
 #include <span>
 #include <string>
 #include <string_view>
@@ -11,23 +10,10 @@
 
 namespace surfel {
 
-/// The bytes of a file that is made of others whenever they are read. Internal to the library.
-class InputParts {
- public:
-  virtual ~InputParts() = default;
-  virtual std::size_t size() const = 0;
-  /// Bytes [offset, offset + size), all inside the file. Throws Error(kIo, kInput). Callable from
-  /// any thread.
-  virtual void read(std::byte* to, std::size_t offset, std::size_t size) const = 0;
-  /// Announces that read() will soon be called for these bytes.
-  virtual void expect(std::size_t offset, std::size_t size) const noexcept = 0;
-};
-
-/// The bytes of a file, of standard input, or of memory, or the bytes of the one file that a folder
-/// stands for, if it is a store of levels of detail (level_store.h). Regular files are
-/// read when their bytes are asked for and never mapped: a mapped file that another program cuts
-/// ends this one by a signal, where a read gives an error. Pipes are read to their end as long as
-/// the machine has memory for them.
+/// The bytes of a file, of standard input, or of memory. Regular files are read when their bytes
+/// are asked for and never mapped: a mapped file that another program cuts ends this one by a
+/// signal, where a read gives an error. Pipes are read to their end as long as the machine has
+/// memory for them.
 class SURFEL_API InputFile {
  public:
   /// `path` "-" is standard input. Throws Error(kIo) naming the file and the cause, as all members
@@ -43,8 +29,8 @@ class SURFEL_API InputFile {
   /// For messages: the path, or "standard input".
   const std::string& name() const { return name_; }
   std::size_t size() const { return size_; }
-  /// Is it a regular file or a store, which can be opened again, and not a pipe or memory?
-  bool regular() const { return descriptor_ >= 0 || parts_; }
+  /// Is it a regular file, which can be opened again, and not a pipe or memory?
+  bool regular() const { return descriptor_ >= 0; }
 
   /// The first `size` bytes, or all bytes of a shorter file. They stay in memory; a call for more
   /// bytes moves them. One thread at a time.
@@ -67,9 +53,8 @@ class SURFEL_API InputFile {
 
   std::string name_;
   std::size_t size_ = 0;
-  int descriptor_ = -1;                      ///< Descriptor of a regular file; -1 for all others.
-  std::unique_ptr<const InputParts> parts_;  ///< Of a store; else null.
-  mutable Array<std::byte> start_;           ///< The first bytes of a file, or all bytes.
+  int descriptor_ = -1;             ///< Descriptor of a regular file; -1 for all others.
+  mutable Array<std::byte> start_;  ///< The first bytes of a file, or all bytes.
 };
 
 /// The bytes as characters.

@@ -82,10 +82,6 @@ void decode_column(const RecordTable& table, const RecordColumn& column, const s
   });
 }
 
-[[noreturn]] void throw_broken(const std::string& file, const std::string& problem) {
-  throw_input(file, "its levels of detail are broken: " + problem + "; run surfel-lod again");
-}
-
 /// Reads clusters from the records of the element.
 class TreeReader {
  public:
@@ -101,65 +97,28 @@ class TreeReader {
     }
   }
 
-  /// Clusters [first, last).
-  TreeRecords read(std::size_t first, std::size_t last) const {
+  TreeRecords read() const {
     TreeRecords out;
-    const std::size_t count = last - first;
-    out.tree.resize(count);
-    out.center.resize(count);
-    out.reach.resize(count);
+    out.tree.resize(table_.count);
+    out.center.resize(table_.count);
+    out.reach.resize(table_.count);
     constexpr std::size_t kGrain = 256;  // Records and rows stay in the second-level cache.
-    parallel_for(count, kGrain, [&](std::size_t begin, std::size_t end, int) {
+    parallel_for(table_.count, kGrain, [&](std::size_t begin, std::size_t end, int) {
       Array<std::byte> scratch;
-      const std::byte* records = table_.read(first + begin, first + end, scratch);
+      const std::byte* records = table_.read(begin, end, scratch);
       std::vector<Row> rows(end - begin);
       for (std::size_t k = 0; k < kColumnCount; ++k) {
         decode_column(table_, *columns_[k], records, k, rows);
       }
-      for (std::size_t i = begin; i < end; ++i) take(rows[i - begin], first + i, i, out);
+      for (std::size_t i = begin; i < end; ++i) take(rows[i - begin], i, out);
     });
     return out;
   }
 
-  /// The levels of the tree over so many surfels, found by the last cluster of each. Throws
-  /// Error(kInput) if they do not make up a tree.
-  std::vector<TreeLevel> levels(std::size_t surfels) const {
-    std::vector<TreeLevel> found{{0, 1, 0, 0}};
-    while (true) {
-      TreeLevel& level = found.back();
-      const TreeCluster last = read(level.end - 1, level.end).tree.front();
-      level.end_surfel = last.end;
-      if (last.end < level.first_surfel || last.end > surfels) {
-        throw_broken(file_, fmt::format("the clusters hold {} surfels of {}", last.end, surfels));
-      }
-      if (last.child_count == 0) break;
-      const TreeLevel next{level.end, std::size_t{last.first_child} + last.child_count,
-                           level.end_surfel, 0};
-      if (next.end <= next.begin || next.end > table_.count) {
-        throw_broken(file_, fmt::format("cluster {} has the {} children from {} on; of {} "
-                                        "clusters, {} is next",
-                                        level.end - 1, last.child_count, last.first_child,
-                                        table_.count, level.end));
-      }
-      found.push_back(next);
-    }
-    if (found.back().end != table_.count) {
-      throw_broken(file_, fmt::format("{} of {} clusters are nobody's children",
-                                      table_.count - found.back().end, table_.count));
-    }
-    if (found.back().end_surfel != surfels) {
-      throw_broken(file_, fmt::format("the clusters hold {} surfels of {}", found.back().end_surfel,
-                                      surfels));
-    }
-    return found;
-  }
-
  private:
-  /// Makes element i of `out` of the values of cluster `number`.
-  void take(const Row& row, std::size_t number, std::size_t i, TreeRecords& out) const {
-    const auto count = [&](std::size_t k) {
-      return whole(row[k], kColumns[k].name, number, file_);
-    };
+  /// Makes cluster i of `out` of its values.
+  void take(const Row& row, std::size_t i, TreeRecords& out) const {
+    const auto count = [&](std::size_t k) { return whole(row[k], kColumns[k].name, i, file_); };
     const auto real = [&](std::size_t k) { return static_cast<float>(row[k]); };
     TreeCluster& c = out.tree[i];
     c.begin = count(0);
@@ -171,7 +130,7 @@ class TreeReader {
     if (level > std::numeric_limits<std::uint8_t>::max()) {
       throw_input(file_, fmt::format("{} {}: level is {}, which is out of range; run surfel-lod "
                                      "again",
-                                     kTreeElement, number, level));
+                                     kTreeElement, i, level));
     }
     c.level = static_cast<std::uint8_t>(level);
     out.center[i] = Vec3d(row[5], row[6], row[7]);
@@ -231,127 +190,11 @@ Array<std::byte> tree_to_records(std::span<const TreeCluster> tree, const Vec3d&
   return bytes;
 }
 
-TreeRecords clusters_from_records(const RecordTable& table, const std::string& file) {
-  return TreeReader(table, file).read(0, table.count);
-}
-
 TreeRecords tree_from_records(const RecordTable& table, std::size_t surfels,
                               const std::string& file) {
-  TreeRecords out = clusters_from_records(table, file);
+  TreeRecords out = TreeReader(table, file).read();
   if (const std::string problem = tree_problem(out.tree, surfels); !problem.empty()) {
-    throw_broken(file, problem);
-  }
-  return out;
-}
-
-TreePartRecords tree_part_from_records(const RecordTable& table, std::size_t surfels,
-                                       const std::string& file, int process, int processes) {
-  const TreeReader reader(table, file);
-  TreePartRecords out;
-  TreePart& part = out.part;
-  part.levels = reader.levels(surfels);
-  std::vector<std::size_t> counts;
-  for (const TreeLevel& level : part.levels) counts.push_back(level.end - level.begin);
-  const std::size_t dealt = dealt_level(counts, processes);
-  const auto level_of = [&](std::size_t place) {
-    return static_cast<std::uint8_t>(part.levels.size() - 1 - place);
-  };
-  // Runs of clusters come one after another; what one begins with is known where it follows
-  // another, or begins a level.
-  struct Known {
-    std::size_t cluster, surfel, child;
-  };
-  const auto begin_of = [&](std::size_t place) {
-    const TreeLevel& level = part.levels[place];
-    return Known{level.begin, level.first_surfel, level.end};
-  };
-  const auto check = [&](std::span<const TreeCluster> run, std::size_t first, std::size_t place,
-                         Known& known) {
-    std::string problem = run_problem(run, first, level_of(place), table.count, surfels);
-    const bool follows = first == known.cluster;
-    if (problem.empty() && follows && run.front().begin != known.surfel) {
-      problem = fmt::format("cluster {} holds the surfels from {} on; {} is next", first,
-                            run.front().begin, known.surfel);
-    }
-    const bool leaf = run.front().child_count == 0;
-    if (problem.empty() && follows && !leaf && run.front().first_child != known.child) {
-      problem = fmt::format("cluster {} has the children from {} on; {} is next", first,
-                            run.front().first_child, known.child);
-    }
-    if (!problem.empty()) throw_broken(file, problem);
-    const TreeCluster& last = run.back();
-    known = {first + run.size(), last.end, std::size_t{last.first_child} + last.child_count};
-  };
-
-  // All processes read the top, and keep what is above a subtree of their own.
-  const TreeLevel& roots = part.levels[dealt];
-  const TreeRecords top = reader.read(0, roots.end);
-  for (std::size_t place = 0; place <= dealt; ++place) {
-    const TreeLevel& level = part.levels[place];
-    Known known = begin_of(place);
-    check(std::span(top.tree).subspan(level.begin, level.end - level.begin), level.begin, place,
-          known);
-  }
-  std::vector<bool> kept(roots.end);
-  std::vector<bool> drawn(roots.end);
-  for (std::size_t i = roots.end; i-- > 0;) {
-    if (i >= roots.begin) {
-      kept[i] = drawn[i] = dealt_to(i - roots.begin, processes) == process;
-      continue;
-    }
-    const TreeCluster& c = top.tree[i];
-    drawn[i] = drawn[c.first_child];
-    for (std::size_t k = 0; k < c.child_count; ++k) kept[i] = kept[i] || kept[c.first_child + k];
-  }
-  kept[0] = true;
-  std::uint32_t next_child = 1;
-  const auto keep = [&](const TreeRecords& from, std::size_t i, std::size_t number, bool draws,
-                        std::uint32_t children) {
-    TreeCluster& c = out.records.tree.emplace_back(from.tree[i]);
-    c.child_count = children;
-    c.first_child = children > 0 ? next_child : 0;
-    next_child += children;
-    out.records.center.push_back(from.center[i]);
-    out.records.reach.push_back(from.reach[i]);
-    part.number.push_back(static_cast<std::uint32_t>(number));
-    part.drawn.push_back(draws);
-  };
-  struct Run {
-    std::size_t begin, end;
-  };
-  std::vector<Run> runs;
-  for (std::size_t i = 0; i < roots.end; ++i) {
-    if (!kept[i]) continue;
-    const TreeCluster& c = top.tree[i];
-    std::uint32_t children = 0;
-    if (i >= roots.begin && drawn[i]) {
-      children = c.child_count;
-      if (children > 0) runs.push_back({c.first_child, std::size_t{c.first_child} + children});
-    } else if (i < roots.begin) {
-      for (std::size_t k = 0; k < c.child_count; ++k) children += kept[c.first_child + k] ? 1 : 0;
-    }
-    keep(top, i, i, drawn[i], children);
-  }
-
-  // Below, the descendants of a subtree's root follow one another in each level.
-  for (std::size_t place = dealt + 1; place < part.levels.size(); ++place) {
-    std::vector<TreeRecords> read(runs.size());
-    parallel_for(runs.size(), 1, [&](std::size_t r, std::size_t, int) {
-      read[r] = reader.read(runs[r].begin, runs[r].end);
-    });
-    std::vector<Run> below;
-    Known known = begin_of(place);
-    for (std::size_t r = 0; r < runs.size(); ++r) {
-      const ClusterTree& run = read[r].tree;
-      check(run, runs[r].begin, place, known);
-      for (std::size_t i = 0; i < run.size(); ++i) {
-        keep(read[r], i, runs[r].begin + i, true, run[i].child_count);
-      }
-      if (place + 1 == part.levels.size()) continue;
-      below.push_back(
-          {run.front().first_child, std::size_t{run.back().first_child} + run.back().child_count});
-    }
-    runs = std::move(below);
+    throw_input(file, "its levels of detail are broken: " + problem + "; run surfel-lod again");
   }
   return out;
 }

@@ -36,17 +36,6 @@ struct TreeRecords {
 /// if a column is missing or the tree is broken (tree_problem()).
 TreeRecords tree_from_records(const RecordTable& table, std::size_t surfels,
                               const std::string& file);
-/// Reads the element's records as they are, which need not make up a tree. Throws as
-/// tree_from_records() for missing columns and values out of range.
-TreeRecords clusters_from_records(const RecordTable& table, const std::string& file);
-/// The records of the part of the tree that one of `processes` processes holds; `part` has no tree
-/// yet. Reads no others, but the last of each level. Throws as tree_from_records().
-struct TreePartRecords {
-  TreeRecords records;
-  TreePart part;
-};
-TreePartRecords tree_part_from_records(const RecordTable& table, std::size_t surfels,
-                                       const std::string& file, int process, int processes);
 /// Moves the spheres and boxes into the clusters, relative to `origin`.
 ClusterTree recentered_tree(TreeRecords records, const Vec3d& origin);
 

@@ -253,55 +253,24 @@ SurfelCloud read_block(const SurfelRanges& ranges, const CurveBlock& block) {
   return cloud.gathered(order);
 }
 
-/// The levels above blocks, or above whole trees, and the tree that they make up.
-class JoinedLevels {
- public:
-  JoinedLevels(const std::vector<CurveBlock>& blocks, const HierarchyOptions& options,
-               LevelSink& sink, const std::string& name)
-      : options_(options),
-        sink_(sink),
-        name_(name),
-        plan_(blocks, options.reduction, static_cast<std::size_t>(options.least_levels)) {}
-
- protected:
-  void begin(const SurfelCloud& drawn, bool with_roots);
-  void join(HierarchyReport& report, std::size_t level_below);
-
-  const HierarchyOptions& options_;
-  LevelSink& sink_;
-  const std::string& name_;
-  LevelPlan plan_;
-  ClusterTree tree_;
-  SurfelCloud roots_;          ///< The coarsest level of all blocks; empty where it is the root.
-  Array<MergeSurfel> merged_;  ///< The coarsest level so far, above the blocks or theirs.
-
- private:
-  void make_upper(std::size_t number, std::size_t level_below);
-  void describe(HierarchyReport& report) const;
-};
-
-/// \param drawn  a surfel with level_columns()
-void JoinedLevels::begin(const SurfelCloud& drawn, bool with_roots) {
-  sink_.begin(drawn, plan_.surfels(), plan_.clusters());
-  tree_.resize(plan_.clusters());
-  if (!with_roots) return;
-  const std::size_t roots = plan_.level(plan_.block_levels() - 1).surfels;
-  roots_ = cloud_of_rows(drawn, roots);
-  merged_.resize(roots);
-}
-
 /// The levels of a cloud, made block by block.
-class Hierarchy : public JoinedLevels {
+class Hierarchy {
  public:
   Hierarchy(const SurfelRanges& ranges, const std::vector<CurveBlock>& blocks,
             const HierarchyOptions& options, LevelSink& sink, const std::string& name)
-      : JoinedLevels(blocks, options, sink, name), ranges_(ranges), blocks_(blocks) {}
+      : ranges_(ranges),
+        blocks_(blocks),
+        options_(options),
+        sink_(sink),
+        name_(name),
+        plan_(blocks, options.reduction) {}
 
   void merge(HierarchyReport& report);
   void join(HierarchyReport& report);
 
  private:
   std::size_t blocks_at_once(const SurfelCloud& surfel, const SurfelCloud& drawn) const;
+  void begin(const SurfelCloud& drawn);
   void make_block(std::size_t block);
   std::string state(const std::vector<LevelPart>& parts) const;
   bool set_state(const std::vector<LevelPart>& parts, std::string_view state);
@@ -312,10 +281,29 @@ class Hierarchy : public JoinedLevels {
   template <class Visit>
   static void visit_state(auto& hierarchy, const std::vector<LevelPart>& parts, const Visit& visit);
   void keep_root(const BlockLevels& block, const SurfelCloud& surfels, const LevelPart& part);
+  void make_upper(std::size_t number);
+  void describe(HierarchyReport& report) const;
 
   const SurfelRanges& ranges_;
   const std::vector<CurveBlock>& blocks_;
+  const HierarchyOptions& options_;
+  LevelSink& sink_;
+  const std::string& name_;
+  LevelPlan plan_;
+  ClusterTree tree_;
+  SurfelCloud roots_;          ///< The coarsest level of all blocks; empty where it is the root.
+  Array<MergeSurfel> merged_;  ///< The coarsest level so far, above the blocks or theirs.
 };
+
+/// \param drawn  a surfel with level_columns()
+void Hierarchy::begin(const SurfelCloud& drawn) {
+  sink_.begin(drawn, plan_.surfels(), plan_.clusters());
+  tree_.resize(plan_.clusters());
+  if (plan_.block_levels() == plan_.levels()) return;
+  const std::size_t roots = plan_.level(plan_.block_levels() - 1).surfels;
+  roots_ = cloud_of_rows(drawn, roots);
+  merged_.resize(roots);
+}
 
 /// How many blocks the threads may work on at the same time: one, on which they work together, or
 /// one each. Throws Error(kInput) if one is too much.
@@ -354,7 +342,7 @@ void Hierarchy::merge(HierarchyReport& report) {
   const SurfelCloud drawn = level_columns(surfel, {0});
   report.blocks = blocks_.size();
   report.blocks_at_once = blocks_at_once(surfel, drawn);
-  begin(drawn, plan_.block_levels() < plan_.levels());
+  begin(drawn);
   ProgressStage stage("merging levels of detail", plan_.level(0).surfels, "surfels");
   const auto make = [&](std::size_t b) {
     if (mine(b)) {
@@ -501,8 +489,7 @@ void Hierarchy::keep_root(const BlockLevels& block, const SurfelCloud& surfels,
 }
 
 /// Makes a level above the blocks.
-/// \param level_below  to be added to the levels of its surfels
-void JoinedLevels::make_upper(std::size_t number, std::size_t level_below) {
+void Hierarchy::make_upper(std::size_t number) {
   const std::vector<LevelPlan::Upper>& clusters = plan_.upper(number);
   const LevelPart& level = plan_.level(number);
   const LevelPart& finer = plan_.level(number - 1);
@@ -533,13 +520,14 @@ void JoinedLevels::make_upper(std::size_t number, std::size_t level_below) {
   for (std::size_t i = 0; i < source.size(); ++i) source[i] = surfels[i].source;
   SurfelCloud part = level_columns(roots_, source);
   parallel_each(surfels.size(), kGrain,
-                [&](std::size_t i) { write_merged(part, i, surfels[i], number + level_below); });
+                [&](std::size_t i) { write_merged(part, i, surfels[i], number); });
   sink_.put(part, 0, part.size(), level.first_surfel);
   merged_ = std::move(surfels);
 }
 
-void JoinedLevels::join(HierarchyReport& report, std::size_t level_below) {
-  for (std::size_t l = plan_.block_levels(); l < plan_.levels(); ++l) make_upper(l, level_below);
+void Hierarchy::join(HierarchyReport& report) {
+  if (options_.peers && options_.peers->rank() > 0) return;
+  for (std::size_t l = plan_.block_levels(); l < plan_.levels(); ++l) make_upper(l);
   // Moments are areas times squared distances, which overflow long before the lengths do.
   if (!tree_problem(tree_, plan_.surfels()).empty()) {
     throw_input(name_,
@@ -550,7 +538,7 @@ void JoinedLevels::join(HierarchyReport& report, std::size_t level_below) {
   sink_.finish(std::move(tree_));
 }
 
-void JoinedLevels::describe(HierarchyReport& report) const {
+void Hierarchy::describe(HierarchyReport& report) const {
   for (std::size_t l = 0; l < plan_.levels(); ++l) {
     const LevelPart& level = plan_.level(l);
     double spacing2 = 0;
@@ -563,59 +551,6 @@ void JoinedLevels::describe(HierarchyReport& report) const {
   }
   report.surfels = plan_.surfels();
   report.clusters = plan_.clusters();
-}
-
-void Hierarchy::join(HierarchyReport& report) {
-  if (options_.peers && options_.peers->rank() > 0) return;
-  JoinedLevels::join(report, 0);
-}
-
-/// The levels above trees that are there already.
-class TreeJoiner : public JoinedLevels {
- public:
-  using JoinedLevels::JoinedLevels;
-
-  void take(const SurfelCloud& surfels, const ClusterTree& trees);
-  void join(HierarchyReport& report, std::size_t trees_level) {
-    JoinedLevels::join(report, trees_level);
-  }
-  /// The place of each tree among the finest clusters.
-  std::size_t place(std::size_t tree) const {
-    return plan_.block(tree).front().first_cluster - plan_.level(0).first_cluster;
-  }
-};
-
-/// Takes the roots of the trees, and puts them into their places.
-void TreeJoiner::take(const SurfelCloud& surfels, const ClusterTree& trees) {
-  begin(level_columns(surfels, {0}), true);
-  const LevelPart& leaves = plan_.level(0);
-  for (std::size_t t = 0; t < trees.size(); ++t) {
-    const LevelPart part = plan_.block(t).front();
-    const std::size_t at = part.first_surfel - leaves.first_surfel;
-    TreeCluster& cluster = tree_[part.first_cluster];
-    cluster = trees[t];
-    cluster.begin = static_cast<std::uint32_t>(part.first_surfel);
-    cluster.end = static_cast<std::uint32_t>(part.first_surfel + part.surfels);
-    cluster.first_child = cluster.child_count = cluster.level = 0;
-    copy_rows(surfels, trees[t].begin, trees[t].end, roots_, at);
-    double area = 0;
-    double area2 = 0;
-    for (std::size_t i = 0; i < part.surfels; ++i) {
-      MergeSurfel& s = merged_[at + i];
-      s = merge_surfel(surfels, static_cast<std::uint32_t>(trees[t].begin + i));
-      s.source = static_cast<std::uint32_t>(at + i);
-      area += s.area;
-      area2 += static_cast<double>(s.area) * s.area;
-    }
-    // Files have no sides of the pieces of merged surfels: all are taken to be as much longer than
-    // a square's as the cluster's spacing says.
-    const double squared = portable::squared(static_cast<double>(cluster.spacing));
-    const double longer = area2 > 0 ? squared * area / area2 : 1;
-    for (std::size_t i = 0; i < part.surfels; ++i) {
-      merged_[at + i].extent2 = static_cast<float>(merged_[at + i].area * longer);
-    }
-  }
-  sink_.put(roots_, 0, roots_.size(), leaves.first_surfel);
 }
 
 /// Levels in memory.
@@ -637,7 +572,6 @@ class LevelsInMemory final : public LevelSink {
 std::vector<std::string> HierarchyOptions::problems() const {
   std::vector<std::string> found = sheets.problems();
   check_option(found, reduction >= 2 && reduction <= 16, "reduction", reduction, "in 2..16");
-  check_option(found, least_levels >= 1, "least_levels", least_levels, ">= 1");
   return found;
 }
 
@@ -678,26 +612,6 @@ SurfelCloud build_hierarchy(const SurfelCloud& cloud, const HierarchyOptions& op
   LevelsInMemory sink;
   build_hierarchy(OrderedCloud(cloud), options, sink, report, name);
   return std::move(sink.cloud);
-}
-
-std::vector<std::size_t> join_hierarchies(const SurfelCloud& surfels, const ClusterTree& roots,
-                                          std::size_t roots_level, const HierarchyOptions& options,
-                                          LevelSink& sink, HierarchyReport* report,
-                                          const std::string& name) {
-  require_usable(options);
-  std::vector<CurveBlock> trees;
-  for (const TreeCluster& root : roots) {
-    trees.push_back({root.begin, root.end, root.end - root.begin, root.reach_min, root.reach_max});
-  }
-  HierarchyReport own;
-  HierarchyReport& r = report ? *report : own;
-  r = {};
-  TreeJoiner joiner(trees, options, sink, name);
-  joiner.take(surfels, roots);
-  joiner.join(r, roots_level);
-  std::vector<std::size_t> places;
-  for (std::size_t t = 0; t < trees.size(); ++t) places.push_back(joiner.place(t));
-  return places;
 }
 
 }  // namespace surfel

@@ -23,9 +23,6 @@ struct HierarchyOptions {
   /// what a picture needs, and make a larger file (1 / (reduction - 1) more surfels).
   int reduction = 3;
   SheetRules sheets = {};
-  /// Levels of a block at least, >= 1. Trees over whole clouds of different sizes have as many
-  /// levels as each other where each is one block and none needs more.
-  int least_levels = 1;
   /// Bytes that may be taken, besides what the source and the sink hold; 0: no limit. The result
   /// does not depend on it.
   std::uint64_t memory = 0;
@@ -75,19 +72,5 @@ SURFEL_API bool build_hierarchy(const SurfelRanges& ranges, const HierarchyOptio
 SURFEL_API SurfelCloud build_hierarchy(const SurfelCloud& cloud, const HierarchyOptions& options,
                                        HierarchyReport* report = nullptr,
                                        const std::string& name = {});
-
-/// Makes the levels above trees of levels of detail that are as high as each other. The finest
-/// level of what the sink gets has the roots of the trees, unchanged, as its clusters, in an order
-/// of their boxes. \param surfels      of all roots, with the columns of levels \param roots of
-/// each tree, one at least: its surfels by their numbers in `surfels`, and its
-///                     bounds relative to the origin of `surfels`
-/// \param roots_level  level of detail of the roots: merged surfels get higher ones
-/// \return  for each tree the place of its root among the clusters of the finest level. The result
-/// depends on the order of the trees where their boxes have equal middles, and on the order of the
-/// surfels within a root. Throws Error(kUsage) for bad options.
-SURFEL_API std::vector<std::size_t> join_hierarchies(
-    const SurfelCloud& surfels, const ClusterTree& roots, std::size_t roots_level,
-    const HierarchyOptions& options, LevelSink& sink, HierarchyReport* report = nullptr,
-    const std::string& name = {});
 
 }  // namespace surfel

@@ -33,6 +33,13 @@ BlockSize block_size(std::size_t count, std::size_t level, int reduction) {
   return size;
 }
 
+/// Levels up to a single cluster of a block of so many surfels.
+std::size_t levels_of_block(std::size_t surfels, int reduction) {
+  std::size_t levels = 1;
+  for (std::size_t n = clusters_of(surfels); n > 1; n = divided(n, reduction)) ++levels;
+  return levels;
+}
+
 /// A block, or a cluster above the blocks.
 struct Node {
   std::uint32_t surfels = 0;
@@ -113,20 +120,13 @@ std::size_t most_block_surfels(int reduction) {
   return most;
 }
 
-std::size_t levels_of_block(std::size_t surfels, int reduction) {
-  std::size_t levels = 1;
-  for (std::size_t n = clusters_of(surfels); n > 1; n = divided(n, reduction)) ++levels;
-  return levels;
-}
-
-LevelPlan::LevelPlan(const std::vector<CurveBlock>& blocks, int reduction, std::size_t least_levels)
-    : reduction_(reduction) {
+LevelPlan::LevelPlan(const std::vector<CurveBlock>& blocks, int reduction) : reduction_(reduction) {
   std::size_t largest = 0;
   for (const CurveBlock& block : blocks) {
     counts_.push_back(block.count);
     largest = std::max<std::size_t>(largest, block.count);
   }
-  block_levels_ = std::max(least_levels, levels_of_block(largest, reduction));
+  block_levels_ = levels_of_block(largest, reduction);
 
   // The roots of the blocks, and all levels above them.
   std::vector<std::vector<Node>> nodes(1);

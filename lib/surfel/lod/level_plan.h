@@ -16,9 +16,6 @@ namespace surfel {
 /// of the tree lies above them, in memory at once; smaller ones stay in a processor's cache.
 SURFEL_API std::size_t most_block_surfels(int reduction);
 
-/// Levels up to a single cluster of a block of so many surfels.
-SURFEL_API std::size_t levels_of_block(std::size_t surfels, int reduction);
-
 /// A part of a level of the tree, or a whole level.
 struct LevelPart {
   std::size_t first_surfel = 0;  ///< Of the tree, the coarsest level's first.
@@ -34,9 +31,8 @@ struct LevelPart {
 /// `reduction` fewer, fit into a cluster.
 class SURFEL_API LevelPlan {
  public:
-  /// \param blocks        one at least
-  /// \param least_levels  of a block; the largest block may need more
-  LevelPlan(const std::vector<CurveBlock>& blocks, int reduction, std::size_t least_levels = 1);
+  /// \param blocks  one at least
+  LevelPlan(const std::vector<CurveBlock>& blocks, int reduction);
 
   std::size_t levels() const { return levels_.size(); }
   std::size_t block_levels() const { return block_levels_; }

@@ -35,7 +35,7 @@ StartedRank started_rank() {
        {Names{"OMPI_COMM_WORLD_RANK", "OMPI_COMM_WORLD_SIZE"}, Names{"PMI_RANK", "PMI_SIZE"}}) {
     const std::optional<int> rank = number_in_environment(names.rank);
     const std::optional<int> count = number_in_environment(names.count);
-    if (rank && count && *rank < *count) return {*rank, *count, true};
+    if (rank && count && *rank < *count) return {*rank, *count};
   }
   return {};
 }

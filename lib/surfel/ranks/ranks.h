@@ -19,7 +19,6 @@ namespace surfel {
 struct StartedRank {
   int rank = 0;
   int count = 1;
-  bool by_mpirun = false;  ///< mpirun has started this process, though maybe no other.
 };
 SURFEL_API StartedRank started_rank();
 

@@ -117,10 +117,13 @@ std::vector<VisibleCluster> ClusterCulling::cull(const Camera& camera, const Ban
     });
     for (const auto& part : found) all.insert(all.end(), part.begin(), part.end());
   }
-  std::sort(all.begin(), all.end(), drawn_before);
+  std::sort(all.begin(), all.end(), [](const VisibleCluster& a, const VisibleCluster& b) {
+    return a.nearest != b.nearest ? a.nearest < b.nearest : a.index < b.index;
+  });
   return all;
 }
 
+/// Share of the band that a cluster's splats reach over, about.
 double ClusterCulling::share(const VisibleCluster& visible) const {
   const Cluster& cluster = cloud_.clusters()[visible.index];
   // The square around the sphere, as if it were as far away as its nearest point.
@@ -139,16 +142,12 @@ double ClusterCulling::share(const VisibleCluster& visible) const {
          length(1, view_.focal_y, view_.center_y, y0, y1) / (y1 - y0);
 }
 
-double mean_of_sample(std::size_t count, FunctionRef<double(std::size_t)> value) {
-  constexpr std::size_t kSample = 64;
-  const std::size_t sample = std::min(kSample, count);
-  double sum = 0;
-  for (std::size_t i = 0; i < sample; ++i) sum += value(i * count / sample);
-  return sample == 0 ? 0 : sum / static_cast<double>(sample);
-}
-
 double ClusterCulling::mean_share(std::span<const VisibleCluster> clusters) const {
-  return mean_of_sample(clusters.size(), [&](std::size_t i) { return share(clusters[i]); });
+  constexpr std::size_t kSample = 64;
+  const std::size_t sample = std::min(kSample, clusters.size());
+  double sum = 0;
+  for (std::size_t i = 0; i < sample; ++i) sum += share(clusters[i * clusters.size() / sample]);
+  return sample == 0 ? 0 : sum / static_cast<double>(sample);
 }
 
 Vec3f ClusterCulling::center_in_camera(const Cluster& cluster) const {

@@ -22,14 +22,6 @@ struct TileRange {
   std::uint16_t x0, y0, x1, y1;
 };
 
-/// The mean of 64 of `count` values, spread evenly, or of all where they are fewer; 0 of none.
-SURFEL_API double mean_of_sample(std::size_t count, FunctionRef<double(std::size_t)> value);
-
-/// Are clusters drawn in this order: nearest first, ties by index?
-inline bool drawn_before(const VisibleCluster& a, const VisibleCluster& b) {
-  return a.nearest != b.nearest ? a.nearest < b.nearest : a.index < b.index;
-}
-
 /// Finds the clusters that a band of a picture shows.
 class SURFEL_API ClusterCulling {
  public:
@@ -45,9 +37,8 @@ class SURFEL_API ClusterCulling {
 
   /// Its clip rectangle is the band.
   const SplatView& view() const { return view_; }
-  /// Share of the band that a cluster's splats reach over, about.
-  double share(const VisibleCluster& visible) const;
-  /// Share of the band that splats of one of these clusters reach over, in the mean, about.
+  /// Share of the band that splats of one of these clusters reach over, in the mean, about: of 64
+  /// of them, spread evenly, or of all where they are fewer; 0 of none.
   double mean_share(std::span<const VisibleCluster> clusters) const;
   /// The tiles that a cluster's splats may touch.
   TileRange tiles_of(const Cluster& cluster) const;
@@ -57,6 +48,7 @@ class SURFEL_API ClusterCulling {
   std::vector<std::uint32_t> level_of_detail(const Camera& camera,
                                              FunctionRef<bool(std::uint32_t)> seen) const;
   bool listed(const Cluster& cluster) const;
+  double share(const VisibleCluster& visible) const;
   float disc_radius(const Cluster& cluster) const;
   Vec3f center_in_camera(const Cluster& cluster) const;
 

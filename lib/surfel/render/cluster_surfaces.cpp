@@ -69,10 +69,6 @@ void ClusterSurfaces::search(const Cluster& cluster, Known& known) const {
 void ClusterSurfaces::begin(std::span<const VisibleCluster> clusters, const SplatView& view,
                             float epsilon) {
   clusters_ = clusters;
-  if (revision_ != cloud_.revision()) {
-    known_.assign(cloud_.clusters().size(), {});
-    revision_ = cloud_.revision();
-  }
   in_use_.resize(clusters.size());
   first_in_view_.resize(clusters.size() + 1);
   constexpr std::size_t kGrain = 64;

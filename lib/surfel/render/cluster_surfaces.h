@@ -56,9 +56,8 @@ class ClusterSurfaces {
   void search(const Cluster& cluster, Known& known) const;
 
   const RenderCloud& cloud_;
-  bool sheets_;                 ///< Whether sheets are wanted.
-  std::uint64_t revision_ = 0;  ///< Of the cloud whose clusters are known.
-  std::vector<Known> known_;    ///< Parallel to the cloud's clusters.
+  bool sheets_;               ///< Whether sheets are wanted.
+  std::vector<Known> known_;  ///< Parallel to the cloud's clusters.
   std::span<const VisibleCluster> clusters_;
   Array<std::uint8_t> in_use_;          ///< Parallel to clusters_: which sheets are, as bits.
   Array<std::uint32_t> first_in_view_;  ///< Of clusters_, places in in_view_.

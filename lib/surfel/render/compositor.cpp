@@ -57,10 +57,6 @@ void FrameStatistics::add(const FrameStatistics& other) {
   culled += other.culled;
   peeled_layers = std::max(peeled_layers, other.peeled_layers);
   unpeeled_pixels += other.unpeeled_pixels;
-  sent_bytes += other.sent_bytes;
-  most_received_bytes += other.most_received_bytes;
-  most_held_clusters = std::max(most_held_clusters, other.most_held_clusters);
-  exchanges += other.exchanges;
 }
 
 Fragment Compositor::Worker::behind(int /*pixel*/) const { return {}; }

@@ -49,11 +49,6 @@ struct FrameStatistics {
   std::uint64_t culled = 0;  ///< Fragments culled by SP06 (6): their layer had a fragment already.
   int peeled_layers = 0;     ///< Most layers that a pixel has, as far as they were peeled.
   std::uint64_t unpeeled_pixels = 0;  ///< Pixels with more layers than were peeled.
-  // Of pictures that several processes make, each of a part of the cloud (SharedRenderer).
-  std::uint64_t sent_bytes = 0;           ///< By all processes together.
-  std::uint64_t most_received_bytes = 0;  ///< By the process that received most.
-  std::size_t most_held_clusters = 0;     ///< Clusters of its part that one process has drawn most.
-  int exchanges = 0;                      ///< Parts of the picture's rows, one after another.
 
   /// Adds what was counted of another picture, or of another part of one.
   SURFEL_API void add(const FrameStatistics& other);

@@ -150,9 +150,6 @@ Renderer::Renderer(ClusterStore& store, const Scene& scene, const RenderOptions&
     : impl_(std::make_unique<Impl>(store, scene, options)) {}
 Renderer::~Renderer() = default;
 
-const SplatListOptions& Renderer::list_options() const { return impl_->lists.front().options(); }
-RowRange Renderer::rows_seen(const Camera& camera) const { return impl_->rows_seen(camera); }
-
 /// See TileABuffer.
 void Renderer::Impl::set_weights() {
   const auto full =
@@ -435,10 +432,9 @@ void Renderer::Impl::draw_band(const Camera& camera, const Band& band, const Row
     being_made.clusters.push_back(list.cull(camera, band));
     most = std::max(most, being_made.clusters.back().size());
   }
-  const PictureLoad load = store.picture_load().value_or(
-      PictureLoad{most, lists.front().culling().mean_share(being_made.clusters.front())});
-  being_made.grid = BlockGrid(band, load.clusters * RenderCloud::kClusterSize, load.mean_share);
-  statistics.clusters += load.clusters;
+  being_made.grid = BlockGrid(band, most * RenderCloud::kClusterSize,
+                              lists.front().culling().mean_share(being_made.clusters.front()));
+  statistics.clusters += most;
   const Frame& frame = being_made;
   stages.add("cull", timer.milliseconds());
   const std::span<const VisibleCluster> clusters = frame.clusters.front();

@@ -62,13 +62,6 @@ class SURFEL_API Renderer {
   std::vector<PixelExplanation> explain(const Camera& camera,
                                         std::span<const std::array<int, 2>> pixels);
 
-  /// The rules of the (first) list that surfels become splats by: with them ClusterCulling finds
-  /// the clusters that a picture shows.
-  const SplatListOptions& list_options() const;
-  /// Rows that are looked at to draw the camera's rows: all clusters that reach into them are
-  /// needed.
-  RowRange rows_seen(const Camera& camera) const;
-
  private:
   struct Impl;
   std::unique_ptr<Impl> impl_;

@@ -87,35 +87,4 @@ std::vector<TreeLevel> levels_of(const ClusterTree& tree) {
   return levels;
 }
 
-std::string run_problem(std::span<const TreeCluster> run, std::size_t first, std::uint8_t level,
-                        std::size_t clusters, std::size_t surfels) {
-  if (run.empty()) return {};
-  std::size_t next_surfel = run.front().begin;
-  std::size_t next_child = std::max<std::size_t>(run.front().first_child, first + run.size());
-  for (std::size_t i = 0; i < run.size(); ++i) {
-    const TreeCluster& c = run[i];
-    std::string problem = cluster_problem(c, first + i, next_surfel);
-    if (problem.empty()) problem = children_problem(c, first + i, next_child, clusters);
-    if (problem.empty() && c.level != level) {
-      problem = fmt::format("cluster {} is of level {}; it must be of level {}", first + i, c.level,
-                            level);
-    }
-    if (problem.empty() && c.end > surfels) {
-      problem = fmt::format("the clusters hold {} surfels of {}", c.end, surfels);
-    }
-    if (!problem.empty()) return problem;
-    next_surfel = c.end;
-    next_child += c.child_count;
-  }
-  return {};
-}
-
-std::size_t dealt_level(std::span<const std::size_t> clusters, int processes) {
-  const std::size_t enough = kSubtreesEach * static_cast<std::size_t>(processes);
-  for (std::size_t place = 0; place + 1 < clusters.size(); ++place) {
-    if (clusters[place] >= enough) return place;
-  }
-  return clusters.size() - 1;
-}
-
 }  // namespace surfel

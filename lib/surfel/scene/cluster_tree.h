@@ -2,7 +2,6 @@
 
 #include <cstddef>
 #include <cstdint>
-#include <span>
 #include <string>
 #include <vector>
 
@@ -41,11 +40,6 @@ using ClusterTree = std::vector<TreeCluster>;
 /// clusters without children are of level 0.
 SURFEL_API std::string tree_problem(const ClusterTree& tree, std::size_t surfels);
 
-/// What is wrong with clusters [first, first + run.size()) of a tree of `clusters` clusters over
-/// `surfels` surfels, which are of one level and of which nothing else is known; as tree_problem().
-SURFEL_API std::string run_problem(std::span<const TreeCluster> run, std::size_t first,
-                                   std::uint8_t level, std::size_t clusters, std::size_t surfels);
-
 /// First cluster of the finest level; 0 where the tree is empty.
 SURFEL_API std::size_t first_leaf(const ClusterTree& tree);
 
@@ -57,29 +51,5 @@ struct TreeLevel {
 
 /// The levels of a sound tree, coarsest first.
 SURFEL_API std::vector<TreeLevel> levels_of(const ClusterTree& tree);
-
-/// The part of a tree that one of several processes holds: subtrees whose roots are of one level,
-/// and all that is above them. Every cluster of the tree is held by one process that draws it, and
-/// coarse ones by others as well, which refine them.
-struct TreePart {
-  /// The clusters that this process holds, as a tree; it has the root at least. `begin` and `end`
-  /// are surfels of the whole cloud.
-  ClusterTree tree;
-  std::vector<std::uint32_t> number;  ///< Of each cluster held, in the whole tree.
-  std::vector<bool> drawn;            ///< The clusters held that this process draws.
-  std::vector<TreeLevel> levels;      ///< Of the whole tree, coarsest first.
-};
-
-/// Chooses the level of the roots of the subtrees that are dealt to processes: the coarsest with
-/// kSubtreesEach for each, else the finest. \param clusters  of each level, coarsest first.
-/// \return  the level's place in `clusters`.
-SURFEL_API std::size_t dealt_level(std::span<const std::size_t> clusters, int processes);
-inline constexpr std::size_t kSubtreesEach = 256;
-
-/// The process that the i-th of the subtrees is dealt to. Neighbours along the curve go to
-/// different processes, so that what any camera sees is spread over all.
-constexpr int dealt_to(std::size_t subtree, int processes) {
-  return static_cast<int>(subtree % static_cast<std::size_t>(processes));
-}
 
 }  // namespace surfel

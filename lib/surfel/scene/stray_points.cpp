@@ -1,6 +1,4 @@
 #include <algorithm>
-#include <array>
-#include <bit>
 #include <cmath>
 #include <cstddef>
 #include <numeric>
@@ -55,71 +53,6 @@ void add(Bounds& box, const PointGroup& group) {
   box.add(group.center + Vec3d::Constant(group.radius));
 }
 
-/// The box of all peers' boxes.
-Bounds joined(const Bounds& mine, Peers* peers) {
-  std::vector<double> numbers;
-  for (int axis = 0; axis < 3; ++axis) {
-    numbers.push_back(mine.min[axis]);
-    numbers.push_back(mine.max[axis]);
-  }
-  Bounds all;
-  for (const std::vector<double>& box : gather_lists(peers, numbers)) {
-    for (int axis = 0; axis < 3; ++axis) {
-      const auto k = static_cast<std::size_t>(2 * axis);
-      all.min[axis] = std::min(all.min[axis], box[k]);
-      all.max[axis] = std::max(all.max[axis], box[k + 1]);
-    }
-  }
-  return all;
-}
-
-/// Whole numbers in the order of the numbers that they stand for, which are not NaN, and back.
-std::uint64_t ordered_bits(double value) {
-  const auto bits = std::bit_cast<std::uint64_t>(value);
-  return bits >> 63 != 0 ? ~bits : bits | std::uint64_t{1} << 63;
-}
-double from_ordered_bits(std::uint64_t bits) {
-  return std::bit_cast<double>(bits >> 63 != 0 ? bits & ~(std::uint64_t{1} << 63) : ~bits);
-}
-
-/// As middle_box(), of groups that are spread over peers: the numbers are found bit by bit, from
-/// how many of them are below a bound.
-Bounds shared_middle_box(std::span<const PointGroup> groups, std::uint64_t all, Peers& peers) {
-  const auto outer = static_cast<std::uint64_t>(kOuterShare * static_cast<double>(all));
-  std::array<std::vector<std::uint64_t>, 3> sorted;
-  for (int axis = 0; axis < 3; ++axis) {
-    for (const PointGroup& group : groups) {
-      sorted[axis].push_back(ordered_bits(group.center[axis]));
-    }
-    std::sort(sorted[axis].begin(), sorted[axis].end());
-  }
-  // Of each axis the number that `outer` are before, and the one that `outer` are after.
-  const std::array<std::uint64_t, 2> before{outer, all - 1 - outer};
-  std::vector<std::uint64_t> found(6, 0);
-  for (int bit = 63; bit >= 0; --bit) {
-    std::vector<std::uint64_t> below(6);
-    for (std::size_t k = 0; k < 6; ++k) {
-      const std::vector<std::uint64_t>& values = sorted[k / 2];
-      const std::uint64_t bound = found[k] | std::uint64_t{1} << bit;
-      below[k] = static_cast<std::uint64_t>(std::lower_bound(values.begin(), values.end(), bound) -
-                                            values.begin());
-    }
-    std::vector<std::uint64_t> sums(6, 0);
-    for (const std::vector<std::uint64_t>& counts : gather_lists(&peers, below)) {
-      for (std::size_t k = 0; k < 6; ++k) sums[k] += counts[k];
-    }
-    for (std::size_t k = 0; k < 6; ++k) {
-      if (sums[k] <= before[k % 2]) found[k] |= std::uint64_t{1} << bit;
-    }
-  }
-  Bounds box;
-  for (std::size_t k = 0; k < 6; ++k) {
-    (k % 2 == 0 ? box.min : box.max)[static_cast<Eigen::Index>(k / 2)] =
-        from_ordered_bits(found[k]);
-  }
-  return box;
-}
-
 /// The box of the centres without the outermost of them.
 Bounds middle_box(std::span<const PointGroup> groups) {
   std::vector<double> at(groups.size());
@@ -144,17 +77,6 @@ class Cells {
   Cells(const Vec3d& origin, double side) : origin_(origin), side_(side) {}
 
   void add(const PointGroup& group) { cells_[cell_of(group.center)].count += group.count; }
-
-  /// Adds the cells of all peers.
-  void share(Peers* peers) {
-    if (!peers) return;
-    std::vector<std::array<std::uint64_t, 2>> mine;
-    for (const auto& [key, cell] : cells_) mine.push_back({key, cell.count});
-    cells_.clear();
-    for (const auto& cells : gather_lists(peers, mine)) {
-      for (const auto& [key, count] : cells) cells_[key].count += count;
-    }
-  }
 
   /// Finds the parts.
   void connect() {
@@ -223,19 +145,15 @@ class Cells {
 
 }  // namespace
 
-std::optional<CloudCore> find_core(std::span<const PointGroup> groups, PointsOf points_of,
-                                   Peers* peers) {
+std::optional<CloudCore> find_core(std::span<const PointGroup> groups, PointsOf points_of) {
   Bounds whole;
   for (const PointGroup& group : groups) {
     if (group.count > 0) add(whole, group);
   }
-  whole = joined(whole, peers);
-  const bool few = sum_of(peers, std::uint64_t{groups.size()}) <= kFewGroups;
+  const bool few = groups.size() <= kFewGroups;
   const std::vector<PointGroup> measured = refined(groups, few ? 0.0 : whole.diagonal(), points_of);
-  const std::uint64_t all_measured = sum_of(peers, std::uint64_t{measured.size()});
-  if (all_measured == 0) return std::nullopt;
-  const Bounds middle =
-      peers ? shared_middle_box(measured, all_measured, *peers) : middle_box(measured);
+  if (measured.empty()) return std::nullopt;
+  const Bounds middle = middle_box(measured);
   const double size = middle.diagonal();
   if (!(size > 0) || size >= kWorthwhile * whole.diagonal()) return std::nullopt;
 
@@ -243,9 +161,8 @@ std::optional<CloudCore> find_core(std::span<const PointGroup> groups, PointsOf 
   const std::vector<PointGroup> parts = refined(groups, side, points_of);
   Cells cells(middle.min, side);
   for (const PointGroup& part : parts) cells.add(part);
-  cells.share(peers);
   cells.connect();
-  const auto count = static_cast<double>(sum_of(peers, total(parts)));
+  const auto count = static_cast<double>(total(parts));
   const std::uint64_t most =
       std::clamp<std::uint64_t>(static_cast<std::uint64_t>(kMostPart * count), 1, kMostPartPoints);
   const auto is_stray = [&](const PointGroup& part) { return cells.part_size(part) <= most; };
@@ -260,9 +177,6 @@ std::optional<CloudCore> find_core(std::span<const PointGroup> groups, PointsOf 
     }
     add(whole, part);
   }
-  strays = sum_of(peers, strays);
-  core.box = joined(core.box, peers);
-  whole = joined(whole, peers);
   if (static_cast<double>(strays) > kMostShare * count ||
       !(core.box.diagonal() < kWorthwhile * whole.diagonal())) {
     return std::nullopt;
@@ -270,7 +184,6 @@ std::optional<CloudCore> find_core(std::span<const PointGroup> groups, PointsOf 
   for (const PointGroup& part : parts) {
     if (!core.box.contains(part.center)) core.stray += part.count;
   }
-  core.stray = sum_of(peers, core.stray);
   if (core.stray == 0) return std::nullopt;
   return core;
 }

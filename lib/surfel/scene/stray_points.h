@@ -8,7 +8,6 @@
 #include <surfel/base/bounds.h>
 #include <surfel/base/export.h>
 #include <surfel/base/function_ref.h>
-#include <surfel/base/peers.h>
 #include <surfel/base/types.h>
 
 namespace surfel {
@@ -43,11 +42,8 @@ struct CloudCore {
 /// \param groups     cover the cloud, each with about as many points. Those that are small against
 ///     the cloud are taken as a whole, so that time grows with their number.
 /// \param points_of  hands on the points of a group that is not small; one call after another.
-/// \param peers      hold the other groups of the cloud, where there are some; all of them get what
-///     one gets that holds all groups.
 SURFEL_API std::optional<CloudCore> find_core(
     std::span<const PointGroup> groups,
-    FunctionRef<void(std::size_t group, FunctionRef<void(const Vec3d& point)>)> points_of,
-    Peers* peers = nullptr);
+    FunctionRef<void(std::size_t group, FunctionRef<void(const Vec3d& point)>)> points_of);
 
 }  // namespace surfel

@@ -63,13 +63,12 @@ void require_drawable(const RenderCloud& surfels, const std::string& name) {
 
 struct LoadedCloud::Impl {
   CloudLoadOptions options;
-  // Each of the next seven members may refer to the ones before it.
+  // Each of the next six members may refer to the ones before it.
   std::optional<PlyFile> ply;
   std::unique_ptr<RecordSource> records;
   std::unique_ptr<SurfelSource> wrapped;  ///< Null: the records themselves.
-  ClusterTree tree;               ///< Whole; empty where there are no levels, or but a part.
-  std::optional<TreePart> part;   ///< Where peers share the levels.
-  std::vector<TreeLevel> levels;  ///< Of the whole tree, also where there is but a part.
+  ClusterTree tree;                       ///< Empty where there are no levels.
+  std::vector<TreeLevel> levels;          ///< Of the tree.
   std::unique_ptr<CloudStream> stream;
   std::optional<RenderCloud> surfels;
   std::optional<double> basis_cutoff;
@@ -92,7 +91,6 @@ struct LoadedCloud::Impl {
   void make_stream(std::uint64_t memory);
   void take_header(const SurfelCloud& header, const SurfelSource& from);
   void wrap(SurfelSource& inner);
-  bool shares(std::size_t clusters, std::size_t rows) const;
   void sample_resident();
 };
 
@@ -113,43 +111,15 @@ bool LoadedCloud::Impl::open_records() {
   const RecordTable* table = binary_records(*ply);
   if (!table) return false;
   if (!ply->header().find(kTreeElement)) {
-    if (options.peers && options.share == LevelShare::kPart) {
-      throw_input(ply->name(),
-                  "has no levels of detail, which `share` surfels divides; run "
-                  "surfel-lod on it, or share rows");
-    }
     records = std::make_unique<RecordSource>(*table, ply->name());
     return true;
   }
   const RecordTable& clusters = ply->scalars(kTreeElement);
-  if (shares(clusters.count, table->count)) {
-    TreePartRecords mine = tree_part_from_records(clusters, table->count, ply->name(),
-                                                  options.peers->rank(), options.peers->count());
-    records = std::make_unique<RecordSource>(*table, ply->name(), mine.records.reach.front());
-    part = std::move(mine.part);
-    part->tree = recentered_tree(std::move(mine.records), records->origin());
-    levels = part->levels;
-    return true;
-  }
   TreeRecords all = tree_from_records(clusters, table->count, ply->name());
   records = std::make_unique<RecordSource>(*table, ply->name(), all.reach.front());
   tree = recentered_tree(std::move(all), records->origin());
   levels = levels_of(tree);
   return true;
-}
-
-/// Does this process hold a part of a tree of so many clusters, over so many rows of surfels? All
-/// peers decide alike.
-bool LoadedCloud::Impl::shares(std::size_t clusters, std::size_t rows) const {
-  const bool possible =
-      options.peers && options.columns.levels && options.may_stream && !options.columns.groups;
-  if (!possible || options.share == LevelShare::kWhole) return false;
-  if (options.share == LevelShare::kPart) return true;
-  const std::uint64_t memory = memory_bytes();
-  const bool fits = rows <= memory / kSurfelBytes ||
-                    batch(memory, clusters * kStreamedClusterBytes) >= kLeastBatch;
-  const int small = fits ? 0 : 1;
-  return greatest_of(options.peers, small) > 0;
 }
 
 /// Number of surfels of the levels that are asked for.
@@ -160,9 +130,8 @@ std::size_t LoadedCloud::Impl::wanted() const {
 
 /// Bytes that a stream's clusters take.
 std::uint64_t LoadedCloud::Impl::index_bytes() const {
-  const std::size_t clusters = part             ? part->tree.size()
-                               : levels.empty() ? source().size() / RenderCloud::kClusterSize
-                                                : tree.size();
+  const std::size_t clusters =
+      levels.empty() ? source().size() / RenderCloud::kClusterSize : tree.size();
   return clusters * kStreamedClusterBytes;
 }
 
@@ -199,7 +168,7 @@ bool LoadedCloud::Impl::load_records(InputFile& input) {
   // Levels of detail stay in the file even if they fit, because a picture needs few of them.
   const bool few =
       has_levels && options.columns.levels && batch(memory, index_bytes()) >= kLeastBatch;
-  if (!why && (few || !fits || part)) make_stream(memory);
+  if (!why && (few || !fits)) make_stream(memory);
   if (stream) {
     if (options.sample && !has_levels) sample = CloudStream::sample(source(), 0, source().size());
     return true;
@@ -232,16 +201,12 @@ void LoadedCloud::Impl::make_stream(std::uint64_t memory) {
     const std::uint64_t least = std::min(streamed, wanted() * kSurfelBytes);
     throw_input(ply->name(),
                 fmt::format("{} surfels cannot be streamed with {} MB of `memory`; give {} MB at "
-                            "least",
-                            wanted(), memory >> 20, (least >> 20) + 1));
+                            "least{}",
+                            wanted(), memory >> 20, (least >> 20) + 1,
+                            has_levels ? ", to each process where several draw them" : ""));
   }
   const std::uint64_t picture = (memory - index_bytes()) / kPicturePart;
-  if (part) {
-    // As much again is for what the peers send.
-    const std::size_t half = std::max<std::size_t>(RenderCloud::kClusterSize, flight / 2);
-    stream = CloudStream::make(source(), *part, *options.peers,
-                               {.batch = half, .picture_bytes = picture}, ply->name());
-  } else if (has_levels) {
+  if (has_levels) {
     stream = CloudStream::make(
         source(), tree, options.columns.levels,
         {.batch = flight, .picture_bytes = picture, .places = options.columns.places}, ply->name());
@@ -293,9 +258,6 @@ void LoadedCloud::Impl::load_cloud(const SurfelCloud& cloud, const std::string& 
     throw_input(name, fmt::format("{} surfels need more than the {} MB of `memory`, and only "
                                   "binary PLY files are streamed; raise it, or convert the file",
                                   cloud.size(), *options.memory >> 20));
-  }
-  if (options.peers && options.share == LevelShare::kPart) {
-    throw_input(name, "`share` surfels needs levels of detail in binary PLY; run surfel-lod on it");
   }
   levels = levels_of(cloud.tree);
   has_levels = !levels.empty();
@@ -359,6 +321,5 @@ const std::optional<Vec3d>& LoadedCloud::up() const { return impl_->up; }
 ColorLight LoadedCloud::color_light() const { return impl_->color_light; }
 const SurfaceSample& LoadedCloud::sample() const { return impl_->sample; }
 bool LoadedCloud::has_levels() const { return impl_->has_levels; }
-const TreePart* LoadedCloud::part() const { return impl_->part ? &*impl_->part : nullptr; }
 
 }  // namespace surfel

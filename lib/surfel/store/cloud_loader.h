@@ -25,13 +25,6 @@ struct CloudFacts {
   FunctionRef<SurfaceSample()> sample;  ///< LoadedCloud::sample(), which reads surfels.
 };
 
-/// Which of the processes that draw pictures together hold which levels of detail.
-enum class LevelShare : std::uint8_t {
-  kAuto,   ///< Each a part if some process has no memory for the whole tree.
-  kWhole,  ///< Each the whole tree; surfels are read from the file by whoever draws them.
-  kPart,   ///< Each a part of the tree, whose surfels it alone reads.
-};
-
 /// What is kept of a file for drawing, and in how much memory.
 struct CloudLoadOptions {
   RenderColumns columns = {};  ///< Columns that the compositing method reads.
@@ -45,10 +38,6 @@ struct CloudLoadOptions {
   /// are fetched where `memory` has no room for as many.
   std::size_t batch = std::size_t{1} << 20;
   bool sample = false;  ///< Take the sample that LoadedCloud::sample() gives.
-  /// Processes that load the same file together, to draw pictures of it; null: this one alone. They
-  /// must outlive the cloud.
-  Peers* peers = nullptr;
-  LevelShare share = LevelShare::kAuto;  ///< Of peers.
   /// Called once, before surfels are decoded: returns a source to decode instead of the file's,
   /// such as a ColoredSource, or null. It lives as long as the file's source. Unset: none.
   std::function<std::unique_ptr<SurfelSource>(const CloudFacts& facts)> wrap = {};
@@ -68,8 +57,7 @@ class SURFEL_API LoadedCloud {
   /// A file can be streamed (CloudStream) if it is binary PLY whose vertices have scalar properties
   /// only, and either has levels of detail, or has no copies of splats and consecutive surfels lie
   /// close together. Levels of detail are streamed even where they would fit into memory, since a
-  /// picture needs few of them. Peers that share levels of detail each stream a part of them, drawn
-  /// by SharedRenderer; that needs binary PLY.
+  /// picture needs few of them.
   ///
   /// Throws Error(kUsage) for unusable options; what read_cloud() and RenderCloud throw; and
   /// Error(kInput) if no surfel can be drawn, or if the surfels neither fit into the memory given
@@ -95,9 +83,6 @@ class SURFEL_API LoadedCloud {
   const std::optional<Vec3d>& up() const;
   /// meaning_of_colors() of the file; reflectance where it says nothing and there is one colour.
   ColorLight color_light() const;
-  /// The part of the levels of detail that this process holds, where peers hold the others: what
-  /// store() has. Null if it holds all. All peers ask for extent() of surfels() together then.
-  const TreePart* part() const;
   /// A sample of the surface, if the options ask for it: of the coarsest level of detail that has
   /// as many surfels as a sample holds, so that little is read of a file with levels. The sample is
   /// the same whether surfels are in memory or streamed.

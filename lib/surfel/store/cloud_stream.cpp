@@ -67,23 +67,6 @@ std::unique_ptr<CloudStream> CloudStream::make(SurfelSource& source, const Clust
   return stream;
 }
 
-std::unique_ptr<CloudStream> CloudStream::make(SurfelSource& source, const TreePart& part,
-                                               Peers& peers, const CloudStreamOptions& options,
-                                               const std::string& name) {
-  std::unique_ptr<CloudStream> stream(new CloudStream(source, options, name));
-  stream->from_tree_ = true;
-  stream->cloud_.origin_ = source.origin();
-  stream->cloud_.take_part(part, peers);
-  for (const Cluster& cluster : stream->cloud_.clusters_) stream->surfel_.push_back(cluster.begin);
-  stream->attributes_ = source.attributes();
-  if (stream->attributes_.alpha) {
-    const int here = stream->finest_transparent(part.tree) ? 1 : 0;
-    stream->attributes_.alpha = greatest_of(&peers, here) > 0;
-  }
-  stream->allocate();
-  return stream;
-}
-
 SurfaceSample CloudStream::sample(const SurfelSource& source, std::size_t begin, std::size_t end) {
   const std::size_t count = end - begin;
   PerWorker<RenderCloud> workers;
@@ -156,16 +139,11 @@ bool CloudStream::finest_transparent(const ClusterTree& tree) const {
   PerWorker<RenderCloud> workers;
   std::atomic<bool> found = false;
   parallel_for(leaves.size(), kRunLength, [&](std::size_t begin, std::size_t end, int w) {
-    // Clusters of a part of a tree need not follow one another in the file.
-    while (begin < end && !found) {
-      std::size_t last = begin + 1;
-      while (last < end && leaves[last].begin == leaves[last - 1].end) ++last;
-      const std::size_t first = leaves[begin].begin;
-      const std::size_t count = leaves[last - 1].end - first;
-      const RenderCloud& rows = read(first, first + count, workers[w]);
-      if (rows.totals(0, count).transparent) found = true;
-      begin = last;
-    }
+    if (found) return;
+    const std::size_t first = leaves[begin].begin;
+    const std::size_t count = leaves[end - 1].end - first;
+    const RenderCloud& rows = read(first, first + count, workers[w]);
+    if (rows.totals(0, count).transparent) found = true;
   });
   return found;
 }

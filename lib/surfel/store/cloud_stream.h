@@ -46,12 +46,6 @@ class SURFEL_API CloudStream final : public ClusterStore {
                                            bool levels, const CloudStreamOptions& options,
                                            const std::string& name);
 
-  /// Streams a part of the levels of a source, whose other parts the peers stream; all of them call
-  /// it together. The cloud tells size and extent of the whole, for which all ask together.
-  static std::unique_ptr<CloudStream> make(SurfelSource& source, const TreePart& part, Peers& peers,
-                                           const CloudStreamOptions& options,
-                                           const std::string& name);
-
   /// A sample of surfels [begin, end) of a source, which reads them once.
   static SurfaceSample sample(const SurfelSource& source, std::size_t begin, std::size_t end);
   /// Do the surfels have one colour? Some thousand are looked at, spread evenly; true where there

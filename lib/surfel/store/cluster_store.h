@@ -3,7 +3,6 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
-#include <optional>
 #include <span>
 
 #include <surfel/base/export.h>
@@ -16,13 +15,6 @@ class RenderCloud;
 struct VisibleCluster {
   float nearest;        ///< Least depth of the bounding sphere of the cluster's surfels.
   std::uint32_t index;  ///< Index in RenderCloud::clusters().
-};
-
-/// What a whole picture shows, where a store holds only the clusters that some of its rows show:
-/// what pictures are made in follows from it.
-struct PictureLoad {
-  std::size_t clusters = 0;
-  double mean_share = 0;  ///< Share of the picture that splats of one cluster reach over, about.
 };
 
 /// Clusters of surfels that pictures are drawn from: resident in memory (RenderCloud), or paged in
@@ -42,8 +34,6 @@ class SURFEL_API ClusterStore {
   virtual std::size_t batch_clusters() const { return kUnlimited; }
   /// Bytes that the A-buffers, which a picture keeps from batch to batch, may take together.
   virtual std::size_t picture_bytes() const { return kUnlimited; }
-  /// Set if the clusters are only those that the rows to be drawn next show.
-  virtual std::optional<PictureLoad> picture_load() const { return std::nullopt; }
   /// Brings the columns of these clusters' surfels into memory.
   virtual void fetch(std::span<const VisibleCluster> /*clusters*/) {}
   /// Announces the clusters to be fetched next, so that the system may read them ahead.

@@ -389,25 +389,6 @@ void RenderCloud::take_clusters(const ClusterTree& tree, bool levels) {
   make_box(tree.front().reach_min, tree.front().reach_max);
 }
 
-/// Takes over the clusters of a part of a tree, whose other parts the peers hold.
-void RenderCloud::take_part(const TreePart& part, Peers& peers) {
-  const TreeLevel& finest = part.levels.back();
-  size_ = finest.end_surfel;
-  first_finest_ = finest.first_surfel;
-  peers_ = &peers;
-  for (std::size_t i = 0; i < part.tree.size(); ++i) {
-    Cluster& cluster = clusters_.emplace_back();
-    static_cast<ClusterBounds&>(cluster) = part.tree[i].bounds;
-    cluster.begin = part.tree[i].begin;
-    cluster.end = part.tree[i].end;
-    cluster.half_extent = Vec3f::Constant(cluster.radius);
-    // The root is held by all, and may be of the finest level: it is drawn and framed once.
-    cluster.merged = part.tree[i].level > 0 || !part.drawn[i];
-  }
-  tree_ = part.tree;
-  make_box(tree_.front().reach_min, tree_.front().reach_max);
-}
-
 /// Totals of a cluster of a tree; throws unless all its surfels can be drawn.
 SurfelTotals RenderCloud::check_levels(const Cluster& cluster, const std::string& name) const {
   const SurfelTotals sums = totals(cluster.begin, cluster.end);
@@ -473,15 +454,11 @@ std::optional<CloudCore> RenderCloud::core() const {
     finest.push_back(c);
   }
   RenderCloud scratch;
-  return find_core(
-      groups,
-      [&](std::size_t g, FunctionRef<void(const Vec3d&)> add) {
-        visit_rows(finest[g], scratch,
-                   [&](const RenderCloud& r, std::size_t begin, std::size_t end) {
-                     for (std::size_t i = begin; i < end; ++i) add(Vec3d(r.x[i], r.y[i], r.z[i]));
-                   });
-      },
-      peers_);
+  return find_core(groups, [&](std::size_t g, FunctionRef<void(const Vec3d&)> add) {
+    visit_rows(finest[g], scratch, [&](const RenderCloud& r, std::size_t begin, std::size_t end) {
+      for (std::size_t i = begin; i < end; ++i) add(Vec3d(r.x[i], r.y[i], r.z[i]));
+    });
+  });
 }
 
 /// SceneExtent::support of the finest level, or of its surfels whose centres lie within a box
@@ -512,7 +489,7 @@ double RenderCloud::support(const Vec3d& a, double b, const std::optional<Bounds
     visit_rows(bounds.front().second, scratch, take);
     std::pop_heap(bounds.begin(), end);
   }
-  return greatest_of(peers_, greatest) + a.dot(origin_);
+  return greatest + a.dot(origin_);
 }
 
 /// SceneExtent::support of one surfel, relative to the origin.

@@ -11,7 +11,6 @@
 
 #include <surfel/base/export.h>
 #include <surfel/base/function_ref.h>
-#include <surfel/base/peers.h>
 #include <surfel/base/types.h>
 #include <surfel/scene/camera.h>
 #include <surfel/scene/framing.h>
@@ -93,9 +92,7 @@ class SURFEL_API RenderCloud final : public ClusterStore {
   /// Levels of detail; empty if the cloud has none, or if they were not asked for.
   const ClusterTree& tree() const { return tree_; }
   /// May surfels be of coarser levels, which stand for others?
-  bool has_levels() const { return !tree_.empty() || merged_; }
-  /// Becomes another number when the clusters become others.
-  std::uint64_t revision() const { return revision_; }
+  bool has_levels() const { return !tree_.empty(); }
   /// First surfel of the finest level, which goes on to the last surfel.
   std::size_t first_finest() const { return first_finest_; }
   const Vec3d& origin() const { return origin_; }
@@ -176,9 +173,8 @@ class SURFEL_API RenderCloud final : public ClusterStore {
   Array<std::uint64_t> place;
 
  private:
-  friend class CloudStream;       // Fills the columns with a part of a file at a time.
-  friend class GatheredClusters;  // Likewise, with what other processes have read.
-  friend class AttributeValues;   // Likewise, with a part of a file.
+  friend class CloudStream;      // Fills the columns with a part of a file at a time.
+  friend class AttributeValues;  // Likewise.
 
   void allocate(std::size_t rows, const SurfelAttributes& attributes, const RenderColumns& needed,
                 const std::string& name);
@@ -206,7 +202,6 @@ class SURFEL_API RenderCloud final : public ClusterStore {
   Array<std::uint32_t> merge_coincident();
   void number_groups(const std::string& name);
   void take_clusters(const ClusterTree& tree, bool levels);
-  void take_part(const TreePart& part, Peers& peers);
   SurfelTotals check_levels(const Cluster& cluster, const std::string& name) const;
   void make_box(const Vec3f& reach_min, const Vec3f& reach_max);
   using RowVisitor = FunctionRef<void(const RenderCloud& rows, std::size_t begin, std::size_t end)>;
@@ -226,10 +221,7 @@ class SURFEL_API RenderCloud final : public ClusterStore {
   std::size_t coincident_ = 0;
   std::size_t copies_ = 0;
   std::size_t first_copy_ = std::numeric_limits<std::size_t>::max();
-  Bounds box_;                  ///< See extent().
-  Peers* peers_ = nullptr;      ///< Hold the other parts of the tree; null: the tree is whole.
-  bool merged_ = false;         ///< Clusters are of several levels, without their tree.
-  std::uint64_t revision_ = 0;  ///< See revision().
+  Bounds box_;  ///< See extent().
   /// Reads the surfels of a cluster; only if they stay in their file.
   std::function<void(std::uint32_t cluster, RenderCloud& scratch, RowVisitor visit)> read_rows_;
 };
