@@ -153,7 +153,7 @@ class GroupTeller {
   }
 
   /// Takes a fragment whose splat's centre lies in front of the pending layer, but which does not.
-  /// Of the layer before only the samples that it left open are added.
+  /// The layer before gets only the samples that it left open.
   void take_behind(const SplatFragment& f, std::uint32_t samples, float key, RecentSides& recent) {
     RecentLayers& own = recent.side[side_of(job_, f.splat)];
     const bool any = own.last_samples != 0;
@@ -172,7 +172,7 @@ class GroupTeller {
   const TileJob& job_;
   const LayerRule& rule_;
   LayerStacks& stacks_;
-  LayerStack* stack_ = nullptr;  ///< Of the pixel at hand.
+  LayerStack* stack_ = nullptr;  ///< Layers of the pixel at hand.
   std::uint64_t culled_ = 0;
 };
 

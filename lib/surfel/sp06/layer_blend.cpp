@@ -54,7 +54,7 @@ float mean_count(std::vector<float> counts) {
 
 /// A pixel of a group's image.
 struct GroupImage {
-  std::array<Rgba, kLayerSamples> color{};     ///< Of the layers that have been blended ...
+  std::array<Rgba, kLayerSamples> color{};     ///< Colour of the layers that have been blended ...
   std::array<float, kLayerSamples> touched{};  ///< ... and the share that these cover.
   float layers = 0;                            ///< Number of layers, each counted by its share.
   /// The nearest layer, which is not blended where there is an environment.
@@ -235,11 +235,11 @@ class LayerBlender {
 
   const LayerSplats& splats_;
   bool by_group_;
-  int samples_;  ///< Of a pixel.
+  int samples_;  ///< Samples of a pixel.
   PictureLayers& picture_;
   const TileABuffer& tile_;
   LayerScratch& scratch_;
-  std::vector<GroupImage> images_;  ///< Of the pixel at hand.
+  std::vector<GroupImage> images_;  ///< Images of the pixel at hand.
 };
 
 }  // namespace

@@ -34,7 +34,7 @@ struct LayerScratch {
 
 /// Blends layers back to front into an image for each group, and merges the images into
 /// scratch.merged. The layers are told by tell_joint_layers() or tell_group_layers().
-/// \param rule    of layers that groups tell by themselves; null: all tell them together.
+/// \param rule  The rule by which each group tells its layers; null: all tell them together.
 /// \param masked  the nearest layer of every pixel: it is culled with all fragments in front of it;
 ///     pixels without one are culled whole. Null: nothing is culled.
 /// \param tile  the tile's place in the picture, its weights and its shader.

@@ -17,8 +17,8 @@ namespace surfel {
 /// A layer in a pixel.
 struct PixelLayer {
   std::uint32_t side;         ///< kFrontTag or 0.
-  float depth;                ///< While layers are told, of joint ones the sum of rho * depth.
-  float sum = 0;              ///< Sum of rho; not of group layers.
+  float depth;                ///< Sum of rho * depth while tell_joint_layers() tells layers.
+  float sum = 0;              ///< Sum of rho; group layers have none.
   float place = 0;            ///< Layers are blended in ascending order of it.
   float share = 1;            ///< The share of each sample that the layer covers ...
   std::uint32_t samples = 1;  ///< ... and the samples that it covers any of, as bits.

@@ -16,9 +16,9 @@
 
 namespace surfel {
 
-/// A splat's fragment in a pixel, or what the splat has there beyond its kernel.
+/// A splat's fragment in a pixel.
 struct SplatFragment {
-  std::size_t pixel;    ///< Of the tile.
+  std::size_t pixel;    ///< Place in the tile.
   std::uint32_t splat;  ///< Index into TileJob::splats.
   float beta, depth, epsilon, rho;
 
