@@ -3,15 +3,12 @@
 
 #include <algorithm>
 #include <array>
-#include <limits>
 
 #include <surfel/sp06/depth_peel.h>
 #include <surfel/sp06/tile_fragments.h>
 
 namespace surfel {
 namespace {
-
-constexpr float kNone = -std::numeric_limits<float>::infinity();
 
 /// Depths in a pixel, of each side of the surface that may be seen.
 using SideDepths = std::array<float, 2>;
@@ -21,7 +18,7 @@ float nearest(const SideDepths& sides) { return std::max(sides[0], sides[1]); }
 class Peeler {
  public:
   Peeler(const TileJob& job, TileABuffer& tile) : job_(job), tile_(tile) {
-    peeled_.fill({-kNone, -kNone});
+    peeled_.fill({-kNoDepth, -kNoDepth});
   }
 
   PeelStatistics run() {
@@ -29,7 +26,7 @@ class Peeler {
     while (find_next()) {
       if (statistics.layers == tile_.layout.layers) {
         for (const SideDepths& sides : next_) {
-          statistics.unpeeled_pixels += nearest(sides) > kNone ? 1 : 0;
+          statistics.unpeeled_pixels += nearest(sides) > kNoDepth ? 1 : 0;
         }
         break;
       }
@@ -49,7 +46,7 @@ class Peeler {
     ++passes_;
     std::array<float, kTilePixels> closed;
     for (std::size_t p = 0; p < kTilePixels; ++p) {
-      closed[p] = nearest(open[p]) > kNone ? kNone : -kNone;
+      closed[p] = nearest(open[p]) > kNoDepth ? kNoDepth : -kNoDepth;
     }
     for_each_fragment(job_, tile_, {0, job_.count}, closed.data(), [&](const SplatFragment& f) {
       const std::uint32_t side = side_of(job_, f.splat);
@@ -60,15 +57,15 @@ class Peeler {
   /// Depth of the nearest fragment left in every pixel, of the side that is nearer; none of the
   /// other. Returns whether there are any.
   bool find_next() {
-    next_.fill({kNone, kNone});
+    next_.fill({kNoDepth, kNoDepth});
     for_each_left(peeled_, [&](const SplatFragment& f, std::uint32_t side) {
       float& next = next_[f.pixel][side];
       next = std::max(next, f.depth);
     });
     bool found = false;
     for (auto& [back, front] : next_) {
-      found = found || std::max(back, front) > kNone;
-      (front >= back ? back : front) = kNone;
+      found = found || std::max(back, front) > kNoDepth;
+      (front >= back ? back : front) = kNoDepth;
     }
     return found;
   }
@@ -85,22 +82,22 @@ class Peeler {
     for (std::size_t p = 0; p < kTilePixels; ++p) {
       const float* const sums = tile_.fragment(layer, p);
       const float depth = sums[kDepth * kPatchPixels] / sums[kWeight * kPatchPixels];
-      for (float& side : mean[p]) side = side > kNone ? std::min(side, depth) : side;
+      for (float& side : mean[p]) side = side > kNoDepth ? std::min(side, depth) : side;
     }
     for_each_left(mean, [&](const SplatFragment& f, std::uint32_t side) {
       if (reaches(mean, f, side) && !reaches(next_, f, side)) add(f, layer);
     });
     for (std::size_t p = 0; p < kTilePixels; ++p) {
       for (std::size_t side = 0; side < 2; ++side) {
-        if (mean[p][side] > kNone) peeled_[p][side] = mean[p][side];
+        if (mean[p][side] > kNoDepth) peeled_[p][side] = mean[p][side];
       }
-      if (closes(layer, p)) peeled_[p] = {kNone, kNone};
+      if (closes(layer, p)) peeled_[p] = {kNoDepth, kNoDepth};
     }
   }
 
   static bool reaches(const Plane& plane, const SplatFragment& f, std::uint32_t side) {
     const float depth = plane[f.pixel][side];
-    return depth > kNone && f.reach() >= depth;
+    return depth > kNoDepth && f.reach() >= depth;
   }
 
   void add(const SplatFragment& f, int layer) {

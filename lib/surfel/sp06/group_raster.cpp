@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <limits>
 #include <utility>
 
 #include <surfel/sp06/group_raster.h>
@@ -11,8 +10,6 @@
 
 namespace surfel {
 namespace {
-
-constexpr float kNowhere = -std::numeric_limits<float>::infinity();
 
 /// The nearest of some fragments; null if there are none.
 const GroupFragment* nearest_of(std::span<const GroupFragment> fragments) {
@@ -32,12 +29,12 @@ bool joins(const TileJob& job, const GroupFragment& f, const GroupFragment& near
 float hidden_depth(const TileJob& job, std::span<const GroupFragment> fragments,
                    float edge_weight) {
   const GroupFragment* nearest = nearest_of(fragments);
-  if (!nearest) return kNowhere;
+  if (!nearest) return kNoDepth;
   float weight = 0;
   for (const GroupFragment& f : fragments) {
     if (joins(job, f, *nearest, nearest->depth)) weight += f.sum;
   }
-  return weight >= edge_weight ? nearest->depth : kNowhere;
+  return weight >= edge_weight ? nearest->depth : kNoDepth;
 }
 
 /// Puts a fragment where it belongs among the layers of its group.
@@ -105,7 +102,7 @@ void rasterize_groups(const TileJob& job, const LayerRule& rule, const TileABuff
                       GroupImages& images) {
   const bool skips_hidden = job.rules->opaque || images.layers() == 1;
   std::array<float, kTilePixels> hidden;
-  hidden.fill(kNowhere);
+  hidden.fill(kNoDepth);
   for_each_part(job, [&](SplatSpan part) {
     for (std::size_t pixel = 0; skips_hidden && pixel < kTilePixels; ++pixel) {
       hidden[pixel] = hidden_depth(job, images.nearest(pixel), weights.edge_weight);

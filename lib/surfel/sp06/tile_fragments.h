@@ -16,6 +16,9 @@
 
 namespace surfel {
 
+/// A depth behind everything.
+inline constexpr float kNoDepth = -std::numeric_limits<float>::infinity();
+
 /// A splat's fragment in a pixel.
 struct SplatFragment {
   std::size_t pixel;    ///< Place in the tile.
@@ -56,9 +59,8 @@ void for_each_part(const TileJob& job, const Visit& visit) {
 template <class Visit>
 void for_each_patch(const TileJob& job, const TileABuffer& tile, SplatSpan part,
                     const float* hidden, const Visit& visit) {
-  constexpr float kInfinity = std::numeric_limits<float>::infinity();
   std::array<float, kTilePixels / kPatchPixels> least;
-  least.fill(hidden ? kInfinity : -kInfinity);
+  least.fill(hidden ? -kNoDepth : kNoDepth);
   for (std::size_t pixel = 0; hidden && pixel < kTilePixels; ++pixel) {
     float& of_patch = least[pixel / kPatchPixels];
     if (in_picture(tile, pixel)) of_patch = std::min(of_patch, hidden[pixel]);

@@ -2,7 +2,6 @@
 
 #include <array>
 #include <cmath>
-#include <limits>
 
 #include <surfel/sp06/tile_fragments.h>
 #include <surfel/sp06/two_pass.h>
@@ -13,7 +12,7 @@ namespace {
 class TwoPasses {
  public:
   TwoPasses(const TileJob& job, TileABuffer& tile) : job_(job), tile_(tile) {
-    nearest_.fill(kNowhere);
+    nearest_.fill(kNoDepth);
     side_.fill(0);
   }
 
@@ -23,8 +22,6 @@ class TwoPasses {
   }
 
  private:
-  static constexpr float kNowhere = -std::numeric_limits<float>::infinity();
-
   /// The visibility pass: the depth of the nearest fragment, and its side.
   void find_visible(SplatSpan part) {
     for_each_fragment(job_, tile_, part, nearest_.data(), [&](const SplatFragment& f) {
@@ -41,7 +38,7 @@ class TwoPasses {
     std::array<float, kTilePixels> hidden;
     for (std::size_t pixel = 0; pixel < kTilePixels; ++pixel) {
       const bool hides = tile_.layout.layers == 1 || *tile_.fragment(0, pixel) >= tile_.edge_weight;
-      hidden[pixel] = hides ? nearest_[pixel] : kNowhere;
+      hidden[pixel] = hides ? nearest_[pixel] : kNoDepth;
     }
     for_each_fragment(job_, tile_, part, hidden.data(), [&](const SplatFragment& f) {
       if (f.reach() < hidden[f.pixel]) return;
