@@ -29,12 +29,11 @@ psnr() {
 first=()
 if chrt -f 50 true 2> /dev/null; then first=(chrt -f 50); fi
 
-# milliseconds SURFELS OPTION...: of the fastest of $frames frames.
-frames=9
+# milliseconds SURFELS OPTION...: of the fastest of nine frames.
 milliseconds() {
   local surfels=$1
   shift
-  "${first[@]}" "$tools/surfel-render" "$work/$surfels.ply" -o "$work/t%d.exr" "${view[@]}" --turntable "$frames" --stats "$work/s.json" "$@"
+  "${first[@]}" "$tools/surfel-render" "$work/$surfels.ply" -o "$work/t%d.exr" "${view[@]}" --turntable 9 --stats "$work/s.json" "$@"
   sed -n 's/^ *"ms": \([0-9.]*\).*/\1/p' "$work/s.json" | sort -g | head -1 | awk '{printf "%.0f ms", $1}'
 }
 
@@ -43,25 +42,25 @@ groups_of() { sed -n 's/.*"groups": \([0-9]*\).*/\1/p' "$1" | head -1; }
 
 overlaps=(1.0 0.8 0.6 0.4)
 opaque_tables() {
-  echo "| surfels | method | K | against abuffer | against --reference | frame |"
-  echo "|---|---|---|---|---|---|"
+  echo "| surfels | method | K | against abuffer | against --reference |"
+  echo "|---|---|---|---|---|"
   local scene overlap voronoi
   for scene in sphere head; do
     "$tools/surfel-generate" "$scene" --count 100000 -o "$work/$scene.ply" --quiet
     render "$scene-reference" "$scene" --reference --samples 8
     render "$scene-abuffer" "$scene"
-    echo "| $scene | abuffer | | | $(psnr "$scene-abuffer" "$scene-reference") dB | $(milliseconds "$scene") |"
+    echo "| $scene | abuffer | | | $(psnr "$scene-abuffer" "$scene-reference") dB |"
     local layers
     for layers in 3 1; do
       render "$scene-two-pass-$layers" "$scene" --method two-pass --layers "$layers"
-      echo "| $scene | two-pass, --layers $layers | | $(psnr "$scene-two-pass-$layers" "$scene-abuffer") dB | $(psnr "$scene-two-pass-$layers" "$scene-reference") dB | $(milliseconds "$scene" --method two-pass --layers "$layers") |"
+      echo "| $scene | two-pass, --layers $layers | | $(psnr "$scene-two-pass-$layers" "$scene-abuffer") dB | $(psnr "$scene-two-pass-$layers" "$scene-reference") dB |"
     done
     for overlap in "${overlaps[@]}"; do
       "$tools/surfel-group" "$work/$scene.ply" --overlap "$overlap" -o "$work/$scene-$overlap.ply" --stats "$work/g.json" --quiet
       for voronoi in windowed quantised off; do
         local name=$scene-$overlap-$voronoi
         render "$name" "$scene-$overlap" --method deferred --voronoi "$voronoi"
-        echo "| $scene | deferred, overlap $overlap, $voronoi | $(groups_of "$work/g.json") | $(psnr "$name" "$scene-abuffer") dB | $(psnr "$name" "$scene-reference") dB | $(milliseconds "$scene-$overlap" --method deferred --voronoi "$voronoi") |"
+        echo "| $scene | deferred, overlap $overlap, $voronoi | $(groups_of "$work/g.json") | $(psnr "$name" "$scene-abuffer") dB | $(psnr "$name" "$scene-reference") dB |"
       done
     done
   done
@@ -75,14 +74,15 @@ one_pass_less_row() {
   for key in geometry_passes splats fragments; do
     counts+=" $(sed -n "s/.*\"$key\": \([0-9]*\).*/\1/p" "$work/p.json" | head -1) |"
   done
-  echo "| $surfels | $method |$counts $(milliseconds "$file" "$@") |"
+  echo "| $surfels | $method |$counts"
 }
 
-# Two passes over the geometry beside one; `million` is made by speed_table.
+# Two passes over the geometry beside one.
 one_pass_less_table() {
-  echo "| surfels | method | geometry passes | splats | fragments | frame |"
-  echo "|---|---|---|---|---|---|"
+  echo "| surfels | method | geometry passes | splats | fragments |"
+  echo "|---|---|---|---|---|"
   local scene
+  "$tools/surfel-generate" sphere --count 1000000 -o "$work/million.ply" --quiet
   for scene in sphere head million; do
     [ -e "$work/$scene-0.4.ply" ] || "$tools/surfel-group" "$work/$scene.ply" --overlap 0.4 -o "$work/$scene-0.4.ply" --quiet
     one_pass_less_row "$scene" two-pass "$scene" --method two-pass
@@ -90,27 +90,6 @@ one_pass_less_table() {
     one_pass_less_row "$scene" "deferred, overlap 0.4" "$scene-0.4" --method deferred
     one_pass_less_row "$scene" "deferred, overlap 0.4, --layers 1" "$scene-0.4" --method deferred --layers 1
     one_pass_less_row "$scene" abuffer "$scene"
-  done
-}
-
-# The A-buffer beside groups of overlap 0.4, from few splats a pixel to many.
-speed_table() {
-  echo "| surfels | options | abuffer | deferred, windowed | deferred, off | deferred against abuffer |"
-  echo "|---|---|---|---|---|---|"
-  local scene cutoff options name
-  "$tools/surfel-generate" sphere --count 1000000 -o "$work/million.ply" --quiet
-  for scene in sphere head million; do
-    for cutoff in 1 4; do
-      "$tools/surfel-group" "$work/$scene.ply" --cutoff "$cutoff" --overlap 0.4 -o "$work/speed.ply" --quiet
-      for options in "" "--zoom 6" "--layers 1 --cull back"; do
-        # shellcheck disable=SC2206  # words
-        local with=(--cutoff "$cutoff" $options)
-        render speed-abuffer "$scene" "${with[@]}"
-        render speed-deferred speed "${with[@]}" --method deferred
-        name="--cutoff $cutoff${options:+ $options}"
-        echo "| $scene | \`$name\` | $(milliseconds "$scene" "${with[@]}") | $(milliseconds speed "${with[@]}" --method deferred) | $(milliseconds speed "${with[@]}" --method deferred --voronoi off) | $(psnr speed-deferred speed-abuffer) dB |"
-      done
-    done
   done
 }
 
@@ -124,17 +103,35 @@ transparent_table() {
   render t-transparent tg --method transparent
   render t-transparent-high-group tg --method transparent-high --layers-by group
   render t-transparent-group tg --method transparent --layers-by group
-  echo "| method | against depth peeling | against --reference | frame |"
-  echo "|---|---|---|---|"
-  local row
+  echo "| method | against depth peeling | against --reference |"
+  echo "|---|---|---|"
+  local name
+  for name in abuffer depth-peel transparent-high transparent transparent-high-group transparent-group; do
+    echo "| ${name/%-group/, \`--layers-by group\`} | $( [ "$name" = depth-peel ] || echo "$(psnr "t-$name" t-depth-peel) dB") | $(psnr "t-$name" t-reference) dB |"
+  done
+}
+
+# Times of one thread; the surfels are made by the tables before.
+times_table() {
+  local view=(--size 400x400 --from 0,0.36,1 --shading none --threads 1 --quiet)
+  echo "| surfels | method | frame |"
+  echo "|---|---|---|"
+  local scene row name surfels
+  for scene in sphere head; do
+    echo "| $scene | abuffer | $(milliseconds "$scene") |"
+    echo "| $scene | two-pass | $(milliseconds "$scene" --method two-pass) |"
+    echo "| $scene | deferred, overlap 1.0 | $(milliseconds "$scene-1.0" --method deferred) |"
+    echo "| $scene | deferred, overlap 0.4 | $(milliseconds "$scene-0.4" --method deferred) |"
+  done
   for row in "abuffer t --layers 16" "depth-peel t --method depth-peel --peel 16" \
     "transparent-high tg --method transparent-high" "transparent tg --method transparent" \
     "transparent-high-group tg --method transparent-high --layers-by group" "transparent-group tg --method transparent --layers-by group"; do
     # shellcheck disable=SC2086  # words
     set -- $row
-    local name=$1 surfels=$2
+    name=$1
+    surfels=$2
     shift 2
-    echo "| ${name/%-group/, \`--layers-by group\`} | $( [ "$name" = depth-peel ] || echo "$(psnr "t-$name" t-depth-peel) dB") | $(psnr "t-$name" t-reference) dB | $(milliseconds "$surfels" "$@") |"
+    echo "| transparent | ${name/%-group/, \`--layers-by group\`} | $(milliseconds "$surfels" "$@") |"
   done
 }
 
@@ -171,22 +168,22 @@ PLACES
   "$tools/surfel-group" "$work/body.ply" --groups 4 --cover enlarge-each -o "$work/body-g.ply" --quiet
 }
 
-# lit_row NAME SURFELS TRUTH OPTION...: a picture with a scene, how far it is from another, and its time.
+# lit_row NAME SURFELS TRUTH OPTION...: a picture with a scene, and how far it is from another.
 lit_row() {
   local name=$1 surfels=$2 truth=$3
   shift 3
   render "$name" "$surfels" "$@"
-  echo "| $name | $( [ "$name" = "$truth" ] || echo "$(psnr "$name" "$truth") dB") | $(milliseconds "$surfels" "$@") |"
+  echo "| $name | $( [ "$name" = "$truth" ] || echo "$(psnr "$name" "$truth") dB") |"
 }
 
 body_tables() {
   local view=(--size 400x400 --threads 2 --quiet --from "0.1,0.25,1" --fov 30 --frame-all)
-  local frames=3 scene
+  local scene
   make_balls
   "$tools/surfel-from-mesh" "$data/meshes/dragon_vrip_res2.ply" --count 200000 --variance-scale 1 -o "$work/dragon.ply" --quiet
   "$tools/surfel-group" "$work/dragon.ply" --groups 4 --cover enlarge-each -o "$work/dragon-g.ply" --quiet
-  echo "| picture | against depth peeling | frame |"
-  echo "|---|---|---|"
+  echo "| picture | against depth peeling |"
+  echo "|---|---|"
   for scene in "balls balls" "balls glass-balls" "body glass" "dragon glass"; do
     # shellcheck disable=SC2086  # words
     set -- $scene
@@ -203,8 +200,8 @@ body_tables() {
 {
   echo "# The methods of SP06"
   echo
-  echo "Made by \`tests/methods.sh\`. PSNR of sRGB values, whole pictures of 400 x 400 pixels, c = 1, unlit, 2 threads; time of the fastest of nine frames"
-  echo "of a turntable. SP06 is *Single-Pass Point Rendering and Transparent Shading* (Zhang, Pajarola 2006); [rendering.md](rendering.md) shows the commands."
+  echo "Made by \`tests/methods.sh\`. PSNR of sRGB values, whole pictures of 400 x 400 pixels, c = 1, unlit. SP06 is"
+  echo "*Single-Pass Point Rendering and Transparent Shading* (Zhang, Pajarola 2006); [rendering.md](rendering.md) shows the commands."
   echo
   echo "![Methods](methods.png)"
   echo
@@ -215,17 +212,12 @@ body_tables() {
   echo
   opaque_tables
   echo
-  echo "## Is deferred blending faster anywhere?"
-  echo
-  echo "Groups of \`--overlap 0.4\`: 4 at cutoff 1, 12 at cutoff 4. \`million\` has 1,000,000 surfels, some eleven a pixel where it is seen whole."
-  echo
-  speed_table
-  echo
   cat <<'TEXT'
 ## One pass less (SP06 table 2)
 
 `two-pass` finds depths in one pass over the splats and adds up attributes in another; `deferred` has one. Fragments are pixels of splats with
-beta < c that were evaluated, in all passes. Splats are set up once, for both passes: they stay in the cache.
+beta < c that were evaluated, in all passes. Splats are set up once, for both passes: they stay in the cache. `million` has 1,000,000 surfels,
+some eleven a pixel.
 
 TEXT
   one_pass_less_table
@@ -267,9 +259,19 @@ TEXT
   echo
   echo "SP06 figure 14, 150,000 surfels of glass: \`transparent-high\` with \`--refraction single\` and \`multi\`, depth peeling with \`multi\`; below at \`--zoom 3\`."
   echo
-  echo "Lit, four groups, \`--cover enlarge-each\`, 16 layers; the fastest of three frames. The dragon has 200,000 surfels and is of glass alone."
+  echo "Lit, four groups, \`--cover enlarge-each\`, 16 layers. The dragon has 200,000 surfels and is of glass alone."
   echo
   body_tables
+  cat <<'TEXT'
+
+## Times
+
+The fastest of nine frames of a turntable, one thread. The A-buffer's raster is vector code; the other methods are there to compare pictures
+with, and their rasters are plain loops over the same tiles' splats. Their times tell what each does more than another, not what a renderer
+made for speed would take.
+
+TEXT
+  times_table
   cat <<'TEXT'
 
 ## Filtered environment lookups beside OpenImageIO's

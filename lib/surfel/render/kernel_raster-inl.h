@@ -362,7 +362,7 @@ class KernelRaster {
   /// Calls visit(PixelSplats) for vectors of pixels and the splats in [begin, end) of the order
   /// whose boxes they meet, in the order's sequence for every pixel. Left out are splats that lie,
   /// with all depths within epsilon of them, behind all of the vector's depths in the plane
-  /// `hidden`, which may be null.
+  /// `hidden`.
   ///
   /// Pixels are visited vector by vector: they stay in the first-level cache, and branches go the
   /// way that they went for the splat before.
@@ -388,25 +388,6 @@ class KernelRaster {
     }
   }
 
-  /// As for_each_vector(), with visit(splat's index, first pixel, Sample).
-  template <class Visit>
-  HWY_INLINE void draw(std::size_t begin, std::size_t end, const float* hidden,
-                       const Visit& visit) const {
-    for_each_vector(begin, end, hidden, [&](const PixelSplats& list) HWY_ATTR {
-      const SplatSampler sampler = sampler_;
-      const V x = list.x;
-      const V y = list.y;
-      const V cutoff = hn::Set(D(), job_.rules->cutoff);
-      FragmentCounter fragments;
-      for (const std::uint32_t* index = list.begin; index < list.end; ++index) {
-        const Sample s = sampler.at(*index, x, y);
-        fragments.add(hn::Lt(s.beta, cutoff));
-        visit(*index, list.pixel, s);
-      }
-      count(fragments);
-    });
-  }
-
   /// Adds to FrameStatistics::fragments.
   HWY_INLINE void count(const FragmentCounter& fragments) const {
     *job_.fragments += fragments.total();
@@ -430,9 +411,8 @@ class KernelRaster {
 
   static void hide(const float* hidden, Lists& lists) {
     const D d;
-    lists.least = hidden ? __builtin_inff() : -__builtin_inff();
+    lists.least = __builtin_inff();
     std::fill_n(lists.hidden, kPatches, lists.least);
-    if (!hidden) return;
     for (std::size_t pixel = 0; pixel < kTilePixels; pixel += hn::MaxLanes(d)) {
       float& patch = lists.hidden[pixel / kPatchPixels];
       patch = std::min(patch, hn::GetLane(hn::MinOfLanes(d, hn::Load(d, hidden + pixel))));

@@ -3,16 +3,12 @@
 // Depth peeling of splats, with which Zhang, Pajarola, "Single-Pass Point Rendering and Transparent
 // Shading", 2006 (SP06), compare their transparency (section 2; Everitt 2001).
 
-#include <surfel/base/types.h>
+#include <cstdint>
+
 #include <surfel/render/a_buffer.h>
 #include <surfel/render/tile_raster.h>
 
 namespace surfel {
-
-/// Memory of a thread that peels, kept from tile to tile.
-struct PeelScratch {
-  Array<float> planes;
-};
 
 /// Figures of peeling, summed over a frame.
 struct PeelStatistics {
@@ -35,6 +31,6 @@ struct PeelStatistics {
 /// own.) A layer is complete before the next begins, so that nothing depends on the order of the
 /// splats but rounding. Ends when no fragment is left, or behind opaque surfaces that cover their
 /// pixel.
-PeelStatistics peel_tile(const TileJob& job, PeelScratch& scratch, TileABuffer& tile);
+PeelStatistics peel_tile(const TileJob& job, TileABuffer& tile);
 
 }  // namespace surfel

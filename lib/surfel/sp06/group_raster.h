@@ -4,46 +4,56 @@
 // and 5.1, a tile at a time.
 
 #include <cstddef>
+#include <cstdint>
+#include <span>
+#include <vector>
 
-#include <surfel/base/types.h>
 #include <surfel/render/a_buffer.h>
-#include <surfel/render/splat.h>
 #include <surfel/render/tile_raster.h>
 #include <surfel/sp06/layer_rule.h>
 
 namespace surfel {
 
+/// A group's fragment in a pixel. As nothing is interpolated, it names its splat instead of keeping
+/// the splat's attributes.
+struct GroupFragment {
+  float sum = 0;            ///< Sum of rho of the layer, culled fragments included; 0: no fragment.
+  float rho = 0;            ///< Weight w_i.
+  float depth = 0;          ///< c_d, as Splat::depth.
+  float reach = 0;          ///< The depth plus epsilon: fragments that reach it are of one surface.
+  float key = 0;            ///< The value that Voronoi rasterisation compares.
+  std::uint32_t splat = 0;  ///< Index into TileJob::splats.
+};
+
 /// The images I_k of a tile, one for each group; every pixel has the fragment that won it (SP06
-/// (4)). As nothing is interpolated, a fragment names its splat instead of keeping its attributes.
-/// SP06 keeps the nearest layer; with more than one, each group keeps its layers behind, too, which
-/// show at the edges of nearer surfaces.
+/// (4)). SP06 keeps the nearest layer; with more than one, each group keeps its layers behind, too,
+/// which show at the edges of nearer surfaces.
 class GroupImages {
  public:
-  /// Planes of kTilePixels floats.
-  enum Channel : int {
-    kSum,       ///< Sum of rho of the layer, culled fragments included; 0: no fragment.
-    kRho,       ///< Weight w_i.
-    kNearness,  ///< c_d, as Splat::depth.
-    kReach,     ///< kNearness plus epsilon: fragments that reach this depth are of one surface.
-    kKey,       ///< The value that Voronoi rasterisation compares.
-    kEntry,     ///< Index of the splat, times 2, plus 1 if its front is seen; bits.
-    kChannels
-  };
-
   /// Makes empty images of `layers` layers for each of `groups` groups. Keeps its memory.
-  void reset(int groups, int layers);
-  int groups() const { return groups_; }
+  void reset(int groups, int layers) {
+    groups_ = groups;
+    layers_ = layers;
+    data_.assign(static_cast<std::size_t>(groups) * layers * kTilePixels, {});
+  }
   int layers() const { return layers_; }
-  /// Number of a group's image; the nearest layers of all groups come first.
-  int image(int group, int layer) const { return layer * groups_ + group; }
-  float* plane(int image, int channel) {
-    return data_.data() + (static_cast<std::size_t>(image) * kChannels + channel) * kTilePixels;
+  GroupFragment& at(std::size_t pixel, int group, int layer) {
+    return data_[first(pixel) + static_cast<std::size_t>(layer) * groups_ + group];
+  }
+  /// The groups' fragments in a pixel: the nearest layer's of all groups, or of all layers.
+  std::span<GroupFragment> nearest(std::size_t pixel) {
+    return std::span(data_).subspan(first(pixel), groups_);
+  }
+  std::span<GroupFragment> all(std::size_t pixel) {
+    return std::span(data_).subspan(first(pixel), static_cast<std::size_t>(groups_) * layers_);
   }
 
  private:
+  std::size_t first(std::size_t pixel) const { return pixel * groups_ * layers_; }
+
   int groups_ = 0;
   int layers_ = 0;
-  Array<float> data_;
+  std::vector<GroupFragment> data_;
 };
 
 /// Geometry pass of SP06's Algorithm 1: rasterises splats into the images of their groups, where

@@ -10,8 +10,8 @@
 #include <surfel/render/shading.h>
 #include <surfel/render/tile_raster.h>
 #include <surfel/sp06/depth_peel.h>
+#include <surfel/sp06/group_layers.h>
 #include <surfel/sp06/group_raster.h>
-#include <surfel/sp06/joint_blend.h>
 #include <surfel/sp06/layer_blend.h>
 #include <surfel/sp06/methods.h>
 #include <surfel/sp06/two_pass.h>
@@ -147,16 +147,12 @@ class LayerCompositor final : public GroupCompositor {
         }
       }
       const NearestLayer* masked = compositor.nearest_ ? nearest.data() : nullptr;
-      if (compositor.joint_) {
-        const JointJobs discs{&jobs.front(), jobs.size() > 1 ? &jobs.back() : nullptr};
-        culled += blend_joint_layers(discs, picture, masked, tile, joint);
-      } else {
-        culled += blend_layers(jobs.back(), compositor.rule(), picture, masked, tile, scratch);
-      }
+      const LayerSplats joint{&jobs.front(), jobs.size() > 1 ? &jobs.back() : nullptr};
+      culled += compositor.joint_ ? blend_layers(joint, nullptr, picture, masked, tile, scratch)
+                                  : blend_layers({.discs = &jobs.back()}, &compositor.rule(),
+                                                 picture, masked, tile, scratch);
     }
-    Fragment behind(int pixel) const override {
-      return compositor.joint_ ? joint.merged[pixel] : scratch.merged[pixel];
-    }
+    Fragment behind(int pixel) const override { return scratch.merged[pixel]; }
     bool waits(const TileABuffer& tile, int pixel) const override {
       const int x = tile.x0 + tile_pixel_x(pixel);
       const int y = tile.y0 + tile_pixel_y(pixel);
@@ -170,7 +166,6 @@ class LayerCompositor final : public GroupCompositor {
     const LayerCompositor& compositor;
     GroupImages images;
     LayerScratch scratch;
-    JointScratch joint;
     std::vector<NearestLayer> nearest;  ///< Nearest layer of each pixel, drawn by Algorithm 1.
     std::uint64_t culled = 0;
   };
@@ -193,7 +188,7 @@ class PeelCompositor final : public Compositor {
  private:
   struct TileWorker final : Worker {
     void draw(std::span<const TileJob> jobs, TileABuffer& tile) override {
-      peeled.add(peel_tile(jobs.front(), scratch, tile));
+      peeled.add(peel_tile(jobs.front(), tile));
     }
     void take_statistics(FrameStatistics& statistics) override {
       statistics.peeled_layers = std::max(statistics.peeled_layers, peeled.layers);
@@ -201,7 +196,6 @@ class PeelCompositor final : public Compositor {
       statistics.geometry_passes = std::max(statistics.geometry_passes, peeled.passes);
       peeled = {};
     }
-    PeelScratch scratch;
     PeelStatistics peeled;
   };
   const RenderOptions& options_;

@@ -24,11 +24,12 @@ enum class Method : std::uint8_t {
 
 /// How the methods kTransparent and kTransparentHigh tell the layers of a pixel.
 enum class LayersBy : std::uint8_t {
-  /// By the discs of all groups together (joint_blend.h): enlarged and added splats close holes and
+  /// By the discs of all groups together (joint_layers.h): enlarged and added splats close holes
+  /// and
   /// make no layers of their own, and rims are antialiased as the A-buffer's are. Goes with
   /// Voronoi::kWindowed.
   kSurface,
-  /// As published: by each group's splats alone (layer_blend.h). Nearer by 2 to 5 dB to depth
+  /// As published: by each group's splats alone (group_layers.h). Nearer by 2 to 5 dB to depth
   /// peeling is kSurface.
   kGroup,
 };

@@ -196,4 +196,23 @@ Fragment PictureLayers::merged(const Shader& shader, int x, int y,
   return out;
 }
 
+void filter_surfaces(TileABuffer& tile, PictureLayers& picture) {
+  const auto for_each_pixel = [&](const auto& visit) {
+    for (int pixel = 0; pixel < kTilePixels; ++pixel) {
+      const int x = tile_pixel_x(pixel);
+      const int y = tile_pixel_y(pixel);
+      if (x < tile.width && y < tile.height) visit(pixel, tile.x0 + x, tile.y0 + y);
+    }
+  };
+  for_each_pixel([&](int pixel, int x, int y) {
+    const auto normal = [&](int axis) { return tile.at(0, kNormalX + axis, pixel); };
+    picture.surface(x, y) = {tile.at(0, kWeight, pixel), Vec3f(normal(0), normal(1), normal(2))};
+  });
+  for_each_pixel([&](int pixel, int x, int y) {
+    if (!(tile.at(0, kWeight, pixel) > 0) || picture.at_border(x, y)) return;
+    const Vec3f filtered = picture.filtered_normal(x, y);
+    for (int c = 0; c < 3; ++c) tile.at(0, kNormalX + c, pixel) = filtered[c];
+  });
+}
+
 }  // namespace surfel

@@ -94,4 +94,8 @@ class PictureLayers {
   std::vector<Border> borders_;  ///< By tile.
 };
 
+/// Hands the normals of a tile's interpolated surfaces to the picture, and filters them as far as
+/// pixels are not at_border(). The A-buffer is unmerged and has normals.
+void filter_surfaces(TileABuffer& tile, PictureLayers& picture);
+
 }  // namespace surfel
