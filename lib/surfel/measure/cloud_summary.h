@@ -47,7 +47,7 @@ SURFEL_API CloudSummary summarize_cloud(const SurfelCloud& cloud,
 /// that fit into the memory together, 9 MB each, and three times for every cutoff that is tried
 /// where there are holes. Beside the samples, half of the memory at most, a piece is in memory.
 /// Throws Error(kUsage) for bad options, and where the samples do not fit into the memory.
-SURFEL_API CloudSummary summarize_cloud(const SurfelPieces& pieces,
+SURFEL_API CloudSummary summarize_cloud(const CloudPasses& pieces,
                                         const CloudStatisticsOptions& options,
                                         const std::string& file, std::uint64_t memory);
 

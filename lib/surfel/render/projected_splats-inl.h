@@ -9,6 +9,7 @@
 #endif
 
 #include <hwy/highway.h>
+#include <surfel/base/float_lanes-inl.h>
 #include <surfel/base/fused-inl.h>
 #include <surfel/base/vec3-inl.h>
 
@@ -17,10 +18,6 @@ namespace surfel {
 namespace HWY_NAMESPACE {
 
 namespace hn = hwy::HWY_NAMESPACE;
-using D = hn::CappedTag<float, 16>;
-using V = hn::Vec<D>;
-using M = hn::Mask<D>;
-using Ints = hn::RebindToSigned<D>;
 
 using Vec3V = Vec3<V>;
 

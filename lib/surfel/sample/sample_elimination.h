@@ -12,7 +12,7 @@ namespace surfel {
 
 /// What eliminate_samples() chose.
 struct EliminatedSamples {
-  Array<SurfaceSample> sample;  ///< Along a space-filling curve.
+  Array<PoissonSample> sample;  ///< Along a space-filling curve.
   /// Share of the surface's random points that have no sample of their sheet within
   /// PoissonDisk::kCoverageRadius spacings.
   double uncovered = 0;

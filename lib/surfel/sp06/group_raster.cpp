@@ -18,9 +18,6 @@ HWY_BEFORE_NAMESPACE();
 namespace surfel {
 namespace HWY_NAMESPACE {
 
-using Tags = hn::RebindToUnsigned<D>;
-using Ints = hn::RebindToSigned<D>;
-
 namespace {
 
 /// Places of a splat's attributes among its floats.

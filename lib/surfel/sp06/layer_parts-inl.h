@@ -22,7 +22,6 @@ namespace surfel {
 namespace HWY_NAMESPACE {
 
 using Bits = hn::Vec<Tags>;
-using Ints = hn::RebindToSigned<D>;
 
 /// A vector of pixels of a layer's channel.
 HWY_INLINE V layer_channel(const float* layer, int channel) {
