@@ -78,13 +78,19 @@ SURFEL_API SurfelCloud build_hierarchy(const SurfelCloud& cloud, const Hierarchy
 
 /// Makes the levels above trees of levels of detail that are as high as each other. The finest
 /// level of what the sink gets has the roots of the trees, unchanged, as its clusters, in an order
-/// of their boxes. \param surfels      of all roots, with the columns of levels \param roots of
-/// each tree, one at least: its surfels by their numbers in `surfels`, and its
-///                     bounds relative to the origin of `surfels`
-/// \param roots_level  level of detail of the roots: merged surfels get higher ones
-/// \return  for each tree the place of its root among the clusters of the finest level. The result
-/// depends on the order of the trees where their boxes have equal middles, and on the order of the
-/// surfels within a root. Throws Error(kUsage) for bad options.
+/// of their boxes.
+/// \param surfels      Surfels of all roots, with the columns of levels.
+/// \param roots        The root of each tree, one at least: its surfels by their numbers in
+///                     `surfels`, and its bounds relative to the origin of `surfels`.
+/// \param roots_level  Level of detail of the roots. Merged surfels get higher ones.
+/// \param options      The options that the trees were made with.
+/// \param sink         Gets the surfels and the clusters of all levels from the roots on.
+/// \param report       If not null, filled.
+/// \param name         Starts the messages of errors.
+/// \return For each tree the place of its root among the clusters of the finest level.
+///
+/// The result depends on the order of the trees where their boxes have equal middles, and on the
+/// order of the surfels within a root. Throws Error(kUsage) for bad options.
 SURFEL_API std::vector<std::size_t> join_hierarchies(
     const SurfelCloud& surfels, const ClusterTree& roots, std::size_t roots_level,
     const HierarchyOptions& options, LevelSink& sink, HierarchyReport* report = nullptr,

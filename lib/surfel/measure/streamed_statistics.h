@@ -22,7 +22,9 @@ using CloudPasses = std::function<void(FunctionRef<void(const SurfelCloud& piece
 /// each other than are looked at.
 class StreamedStatistics {
  public:
-  /// \param memory  bytes that samples may take
+  /// \param pieces   Passes over the cloud.
+  /// \param memory   Bytes that samples may take.
+  /// \param options  Cutoff and samples of the measures.
   StreamedStatistics(CloudPasses pieces, std::uint64_t memory,
                      const CloudStatisticsOptions& options);
 

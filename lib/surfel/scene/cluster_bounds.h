@@ -49,9 +49,12 @@ struct SurfelTotals {
 /// The figures of all surfels, from the figures of their parts.
 SURFEL_API SurfelTotals added_up(std::span<const SurfelTotals> parts);
 
-/// \param alpha     may be null.
-/// \param positive  columns whose values must be above 0,
-/// \param bounded   and whose values must not be beyond kMostMagnitude.
+/// The figures of some surfels.
+/// \param surfels   Positions, normals and deviations.
+/// \param area      Area of every surfel, scene unit^2.
+/// \param alpha     Opacity of every surfel, 0..1; null: all are opaque.
+/// \param positive  Columns whose values must be above 0.
+/// \param bounded   Columns whose values must not be beyond kMostMagnitude.
 SURFEL_API SurfelTotals surfel_totals(const ClusterColumns& surfels, const float* area,
                                       const float* alpha, std::span<const float* const> positive,
                                       std::span<const float* const> bounded);

@@ -71,8 +71,10 @@ struct TreePart {
 };
 
 /// Chooses the level of the roots of the subtrees that are dealt to processes: the coarsest with
-/// kSubtreesEach for each, else the finest. \param clusters  of each level, coarsest first.
-/// \return  the level's place in `clusters`.
+/// kSubtreesEach for each, else the finest.
+/// \param clusters   Number of clusters of each level, coarsest first.
+/// \param processes  Number of processes, >= 1.
+/// \return The level's place in `clusters`.
 SURFEL_API std::size_t dealt_level(std::span<const std::size_t> clusters, int processes);
 inline constexpr std::size_t kSubtreesEach = 256;
 

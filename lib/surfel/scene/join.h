@@ -44,8 +44,10 @@ struct JoinReport {
 /// makes of the surfels, each piece about an origin of its own.
 class SURFEL_API CloudJoiner {
  public:
-  /// \param heads  head() of each cloud, or of any piece of it
-  /// \param names  one for each cloud, for messages
+  /// \param heads    head() of each cloud, or of any piece of it.
+  /// \param options  Rows of the material table that the surfels get.
+  /// \param names    One for each cloud, for messages.
+  ///
   /// Throws Error(kUsage) for unusable options, and Error(kInput) where a cloud has no variance and
   /// others do.
   CloudJoiner(std::vector<SurfelCloud> heads, const JoinOptions& options,
@@ -90,7 +92,12 @@ class SURFEL_API CloudJoiner {
 ///  - colours of which some are recorded light and some are not (meaning_of_colors())
 ///    are ColorLight::kMixed; the grey of colourless surfels is not recorded;
 ///  - positions move to an origin for all.
-/// \param names  one for each cloud, for messages.
+///
+/// \param clouds   The clouds, one at least.
+/// \param options  Rows of the material table that the surfels get.
+/// \param names    One for each cloud, for messages.
+/// \param report   If not null, filled.
+///
 /// Throws what CloudJoiner throws, and Error(kInput) for more than 2^32 - 1 surfels.
 SURFEL_API SurfelCloud join_clouds(std::vector<SurfelCloud> clouds, const JoinOptions& options,
                                    std::span<const std::string> names,

@@ -188,12 +188,19 @@ struct SURFEL_API TextureFitReport {
 
 /// Throws Error(kInput) with a message that starts with `name` where a cloud lacks columns that the
 /// kernels of textures need, or has a material without a map.
-/// \param first  number of the first surfel in its file, for messages
+/// \param cloud     A cloud, or some of its surfels.
+/// \param textures  The maps of the materials.
+/// \param name      The cloud's file, which starts messages.
+/// \param first     Number of the first surfel in its file, for messages.
 SURFEL_API void check_textured(const SurfelCloud& cloud, const TextureSet& textures,
                                const std::string& name, std::size_t first = 0);
 
 /// The lambda that kGram chooses for these surfels, relative to the mean of the diagonal.
-/// \param textured  surfels without uv are left out
+/// \param cloud     Surfels with sizes.
+/// \param textured  Surfels without uv are left out.
+/// \param options   The weights of the fit.
+/// \param name      The cloud's file, for messages.
+///
 /// Throws as fit_colors() does where kernels are missing.
 SURFEL_API double gram_lambda(const SurfelCloud& cloud, bool textured,
                               const TextureFitOptions& options,
@@ -202,7 +209,11 @@ SURFEL_API double gram_lambda(const SurfelCloud& cloud, bool textured,
 /// For clouds that come piece by piece: announces the kernels of a piece to the maps. Once all are
 /// announced and load_requested() was called, fit_texture() by kEwa gives the surfels of a piece
 /// what it gives them in the whole cloud. Throws as fit_texture() does.
-/// \param first  number of the piece's first surfel in the file, for messages
+/// \param piece     Consecutive surfels of the cloud.
+/// \param textures  The maps of the materials.
+/// \param options   The options of the fit to come.
+/// \param name      The cloud's file, for messages.
+/// \param first     Number of the piece's first surfel in the file, for messages.
 SURFEL_API void request_kernels(SurfelCloud& piece, TextureSet& textures,
                                 const TextureFitOptions& options, const std::string& name,
                                 std::size_t first);

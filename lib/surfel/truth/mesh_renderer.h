@@ -61,7 +61,11 @@ struct MeshRenderOptions {
 class SURFEL_API MeshRenderer {
  public:
   /// Keeps references to all but the options; they must outlive the renderer.
+  /// \param mesh      The surface to draw.
   /// \param textures  null: none are to be seen. Charts play no role.
+  /// \param scene     Lights, environment and materials.
+  /// \param options   Rays of a pixel, the pixel filter, bounces and background.
+  ///
   /// Throws Error: kUsage for options or scenes that are not usable, and for bounces where nothing
   /// is lit or the scene has no environment; kInput where a column of the
   /// mesh has another length than it must have or a face names vertices or materials that the mesh
@@ -80,7 +84,8 @@ class SURFEL_API MeshRenderer {
   /// Premultiplied linear R G B A over the background. The same for any number of threads. Draws
   /// on all threads; several calls may run at once. Throws Error(kUsage) for a camera that is not
   /// usable.
-  /// \param progress  called with the share that is done, 0..1, from any thread; may be empty.
+  /// \param camera    The camera of the picture.
+  /// \param progress  Called with the share that is done, 0..1, from any thread; may be empty.
   Image render(const Camera& camera, const std::function<void(double)>& progress = {}) const;
 
   /// World bounds of the faces, for make_camera(). Refers to the mesh.
