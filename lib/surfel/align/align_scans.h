@@ -35,8 +35,8 @@ struct AlignReport {
   double rms = 0;           ///< Of all matches' distances to planes, scene units.
   std::size_t matches = 0;  ///< Matches of all pairs of scans.
   int rounds = 0;           ///< Bundles that were solved.
-  bool converged =
-      false;  ///< The last round moved no point by more than a thousandth of a spacing.
+  /// The last round moved no point by more than a thousandth of a spacing.
+  bool converged = false;
   StageTimes times;
 };
 

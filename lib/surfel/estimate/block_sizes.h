@@ -25,6 +25,7 @@ std::size_t run_length(const SurfelRanges& cloud, const BlockOptions& blocks);
 
 /// \param column_bytes   bytes of a point's columns
 /// \param along_surface  sides spread from edge to edge, and need memory beside the blocks.
+///
 /// Throws Error(kUsage) where there is too little memory for a block.
 BlockSizes block_sizes(const RunIndex& index, std::size_t column_bytes, bool along_surface,
                        const BlockOptions& blocks);

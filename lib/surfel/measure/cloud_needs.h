@@ -58,7 +58,7 @@ class SURFEL_API CloudFactCounter {
 /// - holes, with the cutoff from which on discs leave none, if there is one up to 4;
 /// - discs that overlap more than kMuchOverlap times, where estimated sizes overlap 2 to 3 times;
 /// - areas that differ from the areas of the surfels' cells: sums of kernels are not about one
-/// then;
+///   then;
 /// - the cutoff that coefficients were fitted for; coincident surfels; opacities;
 /// - ellipses where discs would do, and the error of discs;
 /// - levels of detail where a picture of kPicturePixels has more surfels than pixels.

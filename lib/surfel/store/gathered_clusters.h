@@ -28,7 +28,8 @@ class SURFEL_API GatheredClusters final : public ClusterStore {
   void clear();
   /// Takes the clusters of a message.
   void add(const Bytes& message);
-  /// Makes the clusters ready to be drawn. \param load  of the whole picture.
+  /// Makes the clusters ready to be drawn.
+  /// \param load  of the whole picture.
   void finish(const PictureLoad& load);
 
   const RenderCloud& cloud() const override { return cloud_; }

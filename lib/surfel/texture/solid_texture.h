@@ -63,8 +63,8 @@ class SURFEL_API SolidTexture {
   SolidTexture& operator=(SolidTexture&&) noexcept;
 
   double feature_size() const { return feature_size_; }  ///< Scene units.
-  /// The colour at a point, linear; between dark and light. The mean where the point
-  /// is not finite, or so many features away that doubles have no fractions left.
+  /// The colour at a point, linear; between dark and light. The mean where the point is not finite,
+  /// or so many features away that doubles have no fractions left.
   Vec3f evaluate(const Vec3d& point) const;
   /// The mean colour over a Gaussian about a point. Checker: within 0.003 of the range of colours.
   /// The others: the mean of nine parts of the Gaussian, on each of which the noise is taken as

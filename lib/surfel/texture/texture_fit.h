@@ -29,8 +29,7 @@ enum class TextureFitKind {
 enum class GramRightSide {
   /// c_k = sum_i c_i <r_k, n_i o t^-1> [SS01 (11)], n the reconstruction kernel and t the map from
   /// the texture to the surface: the w_k minimise SS01 (10), the error of sum_k w_k r_k itself.
-  /// That
-  /// sum is the surface's colour only where amplitudes are areas; without the column `area`,
+  /// That sum is the surface's colour only where amplitudes are areas; without the column `area`,
   /// coefficients take up the factor.
   kPublished,
   /// c_k = <r_k, sum_j r_j> w_ewa: the sum of all functions in place of 1, by which the renderer
@@ -229,10 +228,10 @@ SURFEL_API TextureFitReport fit_texture(SurfelCloud& cloud, TextureSet& textures
 /// Fits the coefficients to the surfels' own colour samples instead of a texture, so that the
 /// rendered surface takes the colours c_k at the points, where w_k = c_k blurs. kEwa is w_k = c_k.
 /// With robust, coefficients are pulled towards the winsorised samples (robust_fit.h): an outlier
-/// would hold its own coefficient. With kRender, lambda is 0.5
-/// if unset, as noise must not be fitted (render_system.h). Of the columns, position, normal,
-/// variance and colour are needed. Throws Error(kUsage) for refine_variance: one point a surfel
-/// does not tell its variance; and for the right side kPublished, which needs a texture.
+/// would hold its own coefficient. With kRender, lambda is 0.5 if unset, as noise must not be
+/// fitted (render_system.h). Of the columns, position, normal, variance and colour are needed.
+/// Throws Error(kUsage) for refine_variance: one point a surfel does not tell its variance; and for
+/// the right side kPublished, which needs a texture.
 SURFEL_API TextureFitReport fit_colors(SurfelCloud& cloud, const TextureFitOptions& options,
                                        const std::string& name = "surfels");
 

@@ -50,9 +50,9 @@ struct GaussiansOfVolumeReport {
 /// kernels of more would be opaque beyond the voxel. Blocks are merged as isotropic Gaussians where
 /// what is around them, as far as these reach, is as dense.
 ///
-/// Colours have spherical harmonics of degree 1, by which they depend on the line
-/// of sight v and the normal n, the direction in which values fall: c (1 - shading (1 - n.v) / 2).
-/// Where the values hardly change there is no normal, and colours depend on it less and less.
+/// Colours have spherical harmonics of degree 1, by which they depend on the line of sight v and
+/// the normal n, the direction in which values fall: c (1 - shading (1 - n.v) / 2). Where the
+/// values hardly change there is no normal, and colours depend on it less and less.
 ///
 /// \param volume    The values.
 /// \param function  Colour and opacity of absolute values.
