@@ -1,5 +1,6 @@
-# Each public header compiles alone, as the first thing that a source includes. Eigen takes most of the time to read, so
-# that it is compiled once for all headers that include it anyway; the others do without it.
+# Each public header compiles alone, as the first thing that a source includes, and all of them compile together in one
+# source. Eigen takes most of the time to read, so that it is compiled once for all headers that include it anyway; the
+# others do without it.
 
 # surfel_includes_eigen(RESULT HEADER): whether a header of the library includes Eigen, or one that does.
 function(surfel_includes_eigen result header)
@@ -30,13 +31,18 @@ target_link_libraries(surfel_public_headers PRIVATE surfel surfel_warnings)
 target_compile_options(surfel_public_headers PRIVATE -O0)
 target_precompile_headers(surfel_public_headers PRIVATE <Eigen/Geometry>)
 get_target_property(headers surfel HEADER_SET)
+set(includes)
 foreach(header ${headers})
   cmake_path(RELATIVE_PATH header BASE_DIRECTORY ${CMAKE_CURRENT_SOURCE_DIR})
   set(source ${CMAKE_CURRENT_BINARY_DIR}/headers/${header}.cpp)
   file(CONFIGURE OUTPUT ${source} CONTENT "#include <${header}>\n")
   target_sources(surfel_public_headers PRIVATE ${source})
+  string(APPEND includes "#include <${header}>\n")
   surfel_includes_eigen(with_eigen ${header})
   if(NOT with_eigen)
     set_source_files_properties(${source} PROPERTIES SKIP_PRECOMPILE_HEADERS ON)
   endif()
 endforeach()
+set(source ${CMAKE_CURRENT_BINARY_DIR}/headers/all_headers.cpp)
+file(CONFIGURE OUTPUT ${source} CONTENT "${includes}")
+target_sources(surfel_public_headers PRIVATE ${source})

@@ -175,9 +175,7 @@ void visit(Options& o, FitArguments& a) {
   o("prefilter", a.fit.prefilter);
   o("max_aspect", a.fit.max_aspect);
   o("exact", a.fit.exact);
-  o("solver", a.fit.solver,
-    {{"cg", FitSolver::kConjugateGradients},
-     {"ceres", FitSolver::kCeres}});
+  o("solver", a.fit.solver, {{"cg", FitSolver::kConjugateGradients}, {"ceres", FitSolver::kCeres}});
   o("tolerance", a.fit.tolerance);
   o("lambda_", a.fit.lambda);
   o("bounds", a.bounds);

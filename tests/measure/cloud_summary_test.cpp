@@ -133,7 +133,7 @@ std::string words_of(const CloudSummary& summary) {
   return out;
 }
 
-SurfelPieces pieces_of(const SurfelCloud& cloud, std::size_t most) {
+CloudPasses pieces_of(const SurfelCloud& cloud, std::size_t most) {
   return [&cloud, most](FunctionRef<void(const SurfelCloud&)> visit) {
     for (std::size_t begin = 0; begin < cloud.size(); begin += most) {
       SurfelCloud piece = cloud_of_rows(cloud, std::min(most, cloud.size() - begin));

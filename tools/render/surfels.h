@@ -14,8 +14,8 @@
 namespace surfel::render_tool {
 
 /// Reads the files that the settings name, makes surfels of what is none, and tells what was done
-/// and how many surfels cannot be used. \param views  as asked for: they say how finely meshes are
-/// sampled.
+/// and how many surfels cannot be used.
+/// \param views   as asked for: they say how finely meshes are sampled.
 /// \param legend  set where colours stand for something.
 std::unique_ptr<LoadedCloud> load_surfels(tool::Tool& tool, const Settings& s,
                                           const std::vector<AskedView>& views,

@@ -83,7 +83,8 @@ void write_result(const Tool& tool, SurfelCloud& cloud, const std::string& path,
 /// input does not fit into memory.
 void require_piecewise_format(const std::string& output, const std::string& input);
 
-/// The survey of surfels that keep their places. \param piece  surfels that are read at a time
+/// The survey of surfels that keep their places.
+/// \param piece  surfels that are read at a time
 CloudSurvey survey_of(const SurfelRanges& ranges, const std::string& output, std::size_t piece);
 
 /// Writes a picture that a tool made, and tells its size.

@@ -93,8 +93,8 @@ class Tool {
   void note(const std::string& message) const;
   void detail(const std::string& message) const;
   /// The one line that a successful run says of what it has written, unless --quiet: "dragon.ply:
-  /// 300000 surfels, 14 MB, in 0.8 s". \param files  the files whose sizes count where the path is
-  /// a pattern.
+  /// 300000 surfels, 14 MB, in 0.8 s".
+  /// \param files  the files whose sizes count where the path is a pattern.
   void wrote(const std::string& path, const std::string& what,
              const std::vector<std::string>& files = {}) const;
 

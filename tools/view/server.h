@@ -9,6 +9,7 @@ namespace surfel::view_tool {
 
 /// Answers requests on a free port of the loopback interface until the run is interrupted.
 /// \param ready  is called with the port once connections are taken.
+///
 /// Throws Error(kIo) where no port is to be had.
 void serve(const ViewService& service, FunctionRef<void(int port)> ready);
 

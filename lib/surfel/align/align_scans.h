@@ -35,8 +35,8 @@ struct AlignReport {
   double rms = 0;           ///< Of all matches' distances to planes, scene units.
   std::size_t matches = 0;  ///< Matches of all pairs of scans.
   int rounds = 0;           ///< Bundles that were solved.
-  bool converged =
-      false;  ///< The last round moved no point by more than a thousandth of a spacing.
+  /// The last round moved no point by more than a thousandth of a spacing.
+  bool converged = false;
   StageTimes times;
 };
 
@@ -53,7 +53,11 @@ struct AlignReport {
 /// Surfaces that slide along themselves (planes, spheres, cylinders) do not tell a pose; along
 /// these directions scans stay near to where they were.
 ///
-/// \param names  one for each cloud, for messages.
+/// \param clouds   The scans, two at least, each in its own frame. The first one stays.
+/// \param options  How far scans may be from their right places at first.
+/// \param names    One for each cloud, for messages.
+/// \return The pose of every scan, and how well the scans fit.
+///
 /// The result does not depend on the number of threads. Throws Error(kUsage) for bad options or
 /// fewer than two clouds, Error(kInput) for clouds that are too small or do not overlap the others,
 /// Error(kIo) if a plug-in cannot be loaded.

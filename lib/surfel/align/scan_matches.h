@@ -19,8 +19,8 @@ struct ScanMatch {
 /// Matches of up to `most` points of a scan, spread evenly, with points of another scan, by
 /// ascending `from`. The counterpart is the other scan's nearest point, if it is no further than
 /// `reach`, lies inside its surface and not at the border (beyond which the scans do not overlap),
-/// and both normals agree to 45 degrees. \param relative  from the first scan's frame to the
-/// other's.
+/// and both normals agree to 45 degrees.
+/// \param relative  from the first scan's frame to the other's.
 SURFEL_API std::vector<ScanMatch> match_scans(const Scan& from, const Scan& to,
                                               const RigidPose& relative, double reach,
                                               std::size_t most);

@@ -22,6 +22,7 @@ template <class Node, std::size_t kLeafSize, std::size_t kChildren>
 class BoxTree {
  public:
   BoxTree() = default;
+  /// \param items    Number of items, which node_of() knows by 0 to items - 1.
   /// \param node_of  node_of(item) is the Node that bounds the item alone; called by several
   ///                 threads.
   template <class NodeOf>

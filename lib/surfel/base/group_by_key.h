@@ -17,6 +17,7 @@ struct Grouped {
 
 /// Sorts items by their key, a number below `keys`, by counting (Knuth, "The Art of Computer
 /// Programming" 3, 5.2).
+/// \param keys      Number of keys. Every key is less.
 /// \param for_each  for_each(add) calls add(key, item) for every item. It is called twice, and must
 ///                  do the same each time.
 template <class Item, class ForEach>

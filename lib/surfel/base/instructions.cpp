@@ -10,9 +10,8 @@
 namespace surfel {
 namespace {
 
-constexpr std::pair<const char*, std::int64_t> kSets[] = {{"avx512", HWY_AVX3},
-                                                          {"avx2", HWY_AVX2},
-                                                          {"scalar", HWY_SCALAR | HWY_EMU128}};
+constexpr std::pair<const char*, std::int64_t> kSets[] = {
+    {"avx512", HWY_AVX3}, {"avx2", HWY_AVX2}, {"scalar", HWY_SCALAR | HWY_EMU128}};
 
 /// What this processor can run, whatever has been chosen, of what the library has code for.
 std::int64_t runnable() {

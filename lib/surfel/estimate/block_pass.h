@@ -13,8 +13,8 @@
 #include <surfel/base/peers.h>
 #include <surfel/base/types.h>
 #include <surfel/estimate/block_sizes.h>
-#include <surfel/estimate/cloud_facts.h>
 #include <surfel/estimate/estimate.h>
+#include <surfel/estimate/estimate_facts.h>
 #include <surfel/estimate/halo_loader.h>
 #include <surfel/estimate/normals.h>
 #include <surfel/scene/surfel_ranges.h>
@@ -28,7 +28,7 @@ namespace surfel {
 struct BlockCloud {
   const SurfelRanges& points;
   EstimateOptions options;  ///< `grow_in_noise` is off, as normals of blocks never grow.
-  const CloudFacts& facts;
+  const EstimateFacts& facts;
   CloudRules rules = {};
   BlockSizes sizes = {};
   MortonGrid grid;     ///< Of the points.

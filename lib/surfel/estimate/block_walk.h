@@ -19,7 +19,8 @@ class BlockWalk {
     std::size_t surfel = 0;
   };
 
-  /// Keeps references. \param checkpoints  null: no blocks are kept.
+  /// Keeps references.
+  /// \param checkpoints  null: no blocks are kept.
   BlockWalk(const BlockCloud& cloud, Checkpoints* checkpoints)
       : cloud_(cloud), checkpoints_(checkpoints) {}
 

@@ -26,7 +26,7 @@ struct DipoleColumns {
 /// Sets the energies, times 4 pi, between dipole `i` and each from `first` to `end`, see
 /// winding_sides().
 /// \param whole  the energies of dipoles blurred by eps; else less the energies of the same dipoles
-///     blurred by twice that, which the next level has.
+///               blurred by twice that, which the next level has.
 SURFEL_API void dipole_energies(std::size_t i, std::size_t first, std::size_t end, bool whole,
                                 DipoleColumns& dipoles);
 

@@ -13,7 +13,6 @@
 #include <surfel/estimate/block_sizes.h>
 #include <surfel/estimate/block_totals.h>
 #include <surfel/estimate/block_walk.h>
-#include <surfel/estimate/cloud_facts.h>
 #include <surfel/estimate/estimate_blocks.h>
 #include <surfel/estimate/surfel_blocks.h>
 #include <surfel/estimate/winding_blocks.h>
@@ -104,7 +103,7 @@ void estimate_by_blocks(const SurfelRanges& cloud, const EstimateOptions& option
   // Processes that had different blocks would leave some out.
   BlockOptions agreed = blocks;
   agreed.memory = least_of(blocks.peers, blocks.memory);
-  const CloudFacts facts = read_cloud_facts(cloud, options, run_length(cloud, agreed), name);
+  const EstimateFacts facts = read_estimate_facts(cloud, options, run_length(cloud, agreed), name);
   BlockCloud whole{.points = cloud,
                    .options = options,
                    .facts = facts,

@@ -22,7 +22,8 @@ SURFEL_API bool planes_often_uncertain(std::size_t points, std::span<const Vec3f
                                        NearestPlaces nearest);
 
 /// Does noise hide the surface, see remake_noisy_normals(), where planes are often uncertain and
-/// the points are no range image? \param sample  PlaceSample of kNoiseSample of the cloud's places.
+/// the points are no range image?
+/// \param sample  PlaceSample of kNoiseSample of the cloud's places.
 SURFEL_API bool noise_hides_surface(std::span<const Vec3f> sample, NearestPlaces nearest);
 
 /// Makes normals anew in clouds whose noise or quantisation exceeds the spacing of their points, as

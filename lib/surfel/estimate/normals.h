@@ -23,9 +23,9 @@ struct NormalOptions {
                           ///< nearest). Not together with `adaptive`. Scene units.
   bool grow_in_noise = true;  ///< Where noise exceeds the spacing, neighbourhoods are as large as
                               ///< it asks for, see noisy_normals.h; not with `radius`.
-  std::optional<Vec3d> sensor =
-      std::nullopt;  ///< Where the points may have been seen from: used in noise, and
-                     ///< only if they are a range image from there (range_normals.h).
+  /// Where the points may have been seen from: used in noise, and only if they are a range image
+  /// from there (range_normals.h).
+  std::optional<Vec3d> sensor = std::nullopt;
   SURFEL_API std::vector<std::string> problems() const;  ///< Empty if usable.
 };
 

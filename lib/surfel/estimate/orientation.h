@@ -69,16 +69,20 @@ struct OrientationReport {
 /// kWinding cuts the points into sheets first, of winding_cell_points() times four points at least
 /// (point_sheets.h), tile by tile (winding_tiles.h), and turns whole sheets.
 ///
-/// \param origin    origin of the positions, world coordinates: the viewpoint is seen from there.
-/// \param search    searches `position`.
-/// \param previous  given normals for kAlign, of any length (zero or not finite = none), or empty;
-///                  for kViewpoint and kAuto, where the options have no viewpoint, directions to
-///                  the points' sensors.
-/// \param confidence  if not null, how sure the side of each normal is, 0..1; empty by kNone, 0
-///                  without a normal. By kViewpoint and kUp the cosine to the direction; else the
-///                  share of the edges to the nearest points that carry this side over, less the
-///                  share of the others, each by 1 - weight; by kWinding times the sheet's
-///                  certainty.
+/// \param position    Points, relative to `origin`.
+/// \param origin      Origin of the positions, world coordinates: the viewpoint is seen from there.
+/// \param search      Searches `position`.
+/// \param previous    Given normals for kAlign, of any length (zero or not finite = none), or
+///                    empty; for kViewpoint and kAuto, where the options have no viewpoint,
+///                    directions to the points' sensors.
+/// \param options     The method, its viewpoint and its direction.
+/// \param normal      A unit vector for each point, or zero. Some are turned.
+/// \param confidence  If not null, how sure the side of each normal is, 0..1; empty by kNone, 0
+///                    without a normal. By kViewpoint and kUp the cosine to the direction; else the
+///                    share of the edges to the nearest points that carry this side over, less the
+///                    share of the others, each by 1 - weight; by kWinding times the sheet's
+///                    certainty.
+///
 /// Sides do not depend on the number of threads. Throws Error(kUsage) for bad options, and for
 /// kViewpoint where neither options nor `previous` tell a direction.
 SURFEL_API OrientationReport orient_normals(const Array<Vec3f>& position, const Vec3d& origin,
@@ -88,8 +92,12 @@ SURFEL_API OrientationReport orient_normals(const Array<Vec3f>& position, const 
                                             Array<float>* confidence = nullptr);
 
 /// Turns normals to sides that are known, as kWinding does in the end.
-/// \param side  by point: a vector on the normal's side, see WindingTiles::side(); zero: unknown.
-/// \param confidence  if not null, as orient_normals() has it with kWinding.
+/// \param position    Points, relative to their origin.
+/// \param search      Searches `position`.
+/// \param side        By point: a vector on the normal's side, see WindingTiles::side(); zero:
+///                    unknown.
+/// \param normal      A unit vector for each point, or zero. Some are turned.
+/// \param confidence  If not null, as orient_normals() has it with kWinding.
 SURFEL_API void turn_to_sides(const Array<Vec3f>& position, const NeighborSearch& search,
                               const Array<Vec3f>& side, Array<Vec3f>& normal,
                               Array<float>* confidence = nullptr);

@@ -27,6 +27,7 @@ struct PointSheets {
 ///
 /// \param search  searches `position`.
 /// \param normal  unit, or zero where unknown.
+///
 /// Sheets do not depend on the number of threads.
 SURFEL_API PointSheets cut_sheets(const Array<Vec3f>& position, const NeighborSearch& search,
                                   std::size_t least, Array<Vec3f>& normal);

@@ -31,10 +31,13 @@ struct BorderReport {
 /// surface that is known to be there. Thus holes of less than a few spacings, reflex corners and
 /// frayed borders keep whole splats.
 ///
-/// \param oriented  whether normals tell front from back, as estimate_splat_sizes() had it.
-/// \param search    searches `position`.
-/// \param sizes     sizes of `position`.
-/// \param lines     a value per point; lines at borders are added to lines at creases.
+/// \param position  Points of the surface, finite.
+/// \param normal    A unit vector for each point, or zero = unknown.
+/// \param oriented  Whether normals tell front from back, as estimate_splat_sizes() had it.
+/// \param search    Searches `position`.
+/// \param sizes     Sizes of `position`.
+/// \param lines     A value per point; lines at borders are added to lines at creases.
+///
 /// The result does not depend on the number of threads.
 SURFEL_API BorderReport find_borders(const Array<Vec3f>& position, const Array<Vec3f>& normal,
                                      bool oriented, const NeighborSearch& search,

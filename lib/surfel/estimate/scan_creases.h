@@ -47,11 +47,13 @@ struct CreaseReport {
 /// others of one plane take the lines of these. All others keep their normals, and no line cuts
 /// them.
 ///
-/// \param position  finite.
-/// \param search    searches `position`.
-/// \param normals   estimates of `position`: normals and their quality change beside creases.
-/// \param lines     a value per point; lines at creases are added, where they are nearer than
-///                  three spacings.
+/// \param position  Points of the surface, finite.
+/// \param search    Searches `position`.
+/// \param options   The angle from which on an edge is a crease.
+/// \param normals   Estimates of `position`: normals and their quality change beside creases.
+/// \param lines     A value per point; lines at creases are added, where they are nearer than three
+///                  spacings.
+///
 /// The result does not depend on the number of threads. Throws Error(kUsage) for bad options.
 SURFEL_API CreaseReport sharpen_creases(const Array<Vec3f>& position, const NeighborSearch& search,
                                         const CreaseOptions& options, NormalEstimate& normals,

@@ -35,7 +35,10 @@ struct SmoothedPoints {
 /// exp(-(d / r)^2), r being the distance to the farthest. A point whose neighbourhood has no fit (a
 /// line, a single place), or that would move by more than r, stays.
 ///
-/// \param search  searches `points`, which are finite.
+/// \param points   Points to move. They keep their order.
+/// \param search   Searches `points`, which are finite.
+/// \param options  Radius of neighbourhoods, and degree of the polynomials.
+///
 /// The result does not depend on the number of threads. Throws Error(kUsage) for bad options,
 /// Error(kIo) if the plug-in cannot be loaded.
 SURFEL_API SmoothedPoints smooth_points(const Array<Vec3f>& points, const NeighborSearch& search,

@@ -47,7 +47,8 @@ inline constexpr std::size_t kScanLineSample = 512;
 
 /// Does a cloud consist of scan lines, see estimate_splat_sizes()? In others a few points lie along
 /// a line by chance.
-/// \param sample  PlaceSample of kScanLineSample of its places.
+/// \param sample   PlaceSample of kScanLineSample of its places.
+/// \param nearest  Finds the points of the whole cloud that are nearest to a place.
 SURFEL_API bool consists_of_scan_lines(std::span<const Vec3f> sample, NearestPlaces nearest);
 
 /// Size of one point's splat. All values of a point are in one piece, as they are read together
@@ -97,13 +98,17 @@ struct SplatSizes {
 /// sqrt(pi r^2 / 16), r being the distance of the last: lines ten times as far apart as their
 /// points stay closed.
 ///
-/// \param noise     standard deviation of each point from the surface, scene units, or empty. Seen
+/// \param position  Points, finite, scene units.
+/// \param normal    A unit vector for each point, or zero = unknown.
+/// \param oriented  Whether normals tell front from back; otherwise thin sheets disturb each other.
+/// \param search    Searches `position`; fastest in the order of a space-filling curve.
+/// \param options   The shape of splats, and how far they may reach.
+/// \param noise     Standard deviation of each point from the surface, scene units, or empty. Seen
 ///                  from the side, points so far apart leave gaps: discs and ellipses reach as much
 ///                  further, but no more than half the local spacing.
-/// \param lines     lines at which the surfaces of points end, a value per point, or empty: there
+/// \param lines     Lines at which the surfaces of points end, a value per point, or empty: there
 ///                  cells end, and not half-way to the points of the other face.
-/// \param search    searches `position`; fastest in the order of a space-filling curve.
-/// \param oriented  whether normals tell front from back; otherwise thin sheets disturb each other.
+///
 /// Sizes do not depend on the number of threads. Throws Error(kUsage) for bad options.
 SURFEL_API SplatSizes estimate_splat_sizes(const Array<Vec3f>& position, const Array<Vec3f>& normal,
                                            bool oriented, const NeighborSearch& search,

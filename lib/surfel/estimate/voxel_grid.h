@@ -27,8 +27,12 @@ SURFEL_API bool voxels_are_countable(const Bounds& box, double edge);
 /// mean, whose index orders the result as well, so that the points stay in the order of the file.
 /// The grid begins at the lower corner of the points' box.
 ///
-/// \param points  The points of the cloud that are averaged, each once, all finite, in any order.
-/// \param edge    Set to the edge that was taken.
+/// \param cloud    Points with any columns. The result has the same columns.
+/// \param points   The points of the cloud that are averaged, each once, all finite, in any order.
+/// \param options  The edge of a cell, or what it is chosen by.
+/// \param name     The cloud's file, for messages.
+/// \param edge     Set to the edge that was taken.
+///
 /// The work takes about 60 bytes a point besides the result, which does not depend on the number of
 /// threads. Throws Error(kUsage) for bad options, Error(kInput) starting with `name` for a grid
 /// that cannot be counted, and where no spacing can be told.

@@ -14,6 +14,7 @@
 
 #include <hwy/highway.h>
 #include <surfel/base/compress-inl.h>
+#include <surfel/base/float_lanes-inl.h>
 #include <surfel/base/fused-inl.h>
 #include <surfel/gaussian/gaussian_raster.h>
 
@@ -23,11 +24,7 @@ namespace HWY_NAMESPACE {
 
 namespace hn = hwy::HWY_NAMESPACE;
 
-using D = hn::CappedTag<float, kGaussianTile>;
-using V = hn::Vec<D>;
-using M = hn::Mask<D>;
-using Ints = hn::RebindToSigned<D>;
-using Unsigned = hn::RebindToUnsigned<D>;
+static_assert(hn::MaxLanes(D()) <= std::size_t{kGaussianTile});
 
 /// Side of a patch, patches along a tile, patches of a tile, pixels of a patch.
 inline constexpr int kPatch = 4;
@@ -101,7 +98,7 @@ class TilePixels {
 template <class Record>
 class Fields {
  public:
-  HWY_INLINE Fields(const Record* first, hn::Vec<Unsigned> index)
+  HWY_INLINE Fields(const Record* first, hn::Vec<Tags> index)
       : first_(reinterpret_cast<const float*>(first)),
         place_(hn::BitCast(Ints(), hn::ShiftLeft<kShift>(index))) {}
   HWY_INLINE V operator()(std::size_t offset) const {
@@ -120,13 +117,13 @@ class Fields {
 class PatchBoxes {
  public:
   HWY_INLINE PatchBoxes(const GaussianTileJob& job, const Fields<GaussianSplat>& field,
-                        hn::Mask<Unsigned> exists) {
-    const Unsigned du;
+                        hn::Mask<Tags> exists) {
+    const Tags du;
     const Ints di;
     const auto first = hn::BitCast(du, field(offsetof(GaussianSplat, x0)));
     const auto last = hn::BitCast(du, field(offsetof(GaussianSplat, x1)));
     // Patches along an axis, from pixels within the picture.
-    const auto patch_of = [&](hn::Vec<Unsigned> pixel, int origin) HWY_ATTR {
+    const auto patch_of = [&](hn::Vec<Tags> pixel, int origin) HWY_ATTR {
       const auto in_tile = hn::Sub(hn::BitCast(di, pixel), hn::Set(di, origin));
       return hn::ShiftRight<2>(
           hn::Min(hn::Max(in_tile, hn::Set(di, -1)), hn::Set(di, kGaussianTile)));
@@ -146,13 +143,13 @@ class PatchBoxes {
       rows_[p] = hn::And(exists, meets(top, bottom));
     }
   }
-  HWY_INLINE hn::Mask<Unsigned> met(int column, int row) const {
+  HWY_INLINE hn::Mask<Tags> met(int column, int row) const {
     return hn::And(columns_[column], rows_[row]);
   }
 
  private:
-  hn::Mask<Unsigned> columns_[kPatchesAcross];
-  hn::Mask<Unsigned> rows_[kPatchesAcross];
+  hn::Mask<Tags> columns_[kPatchesAcross];
+  hn::Mask<Tags> rows_[kPatchesAcross];
 };
 
 /// The least values of the exponents' quadratic forms of splats within patches. The least value of

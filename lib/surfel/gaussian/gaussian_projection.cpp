@@ -29,6 +29,7 @@
 #define HWY_TARGET_INCLUDE "surfel/gaussian/gaussian_projection.cpp"
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
+#include <surfel/base/float_lanes-inl.h>
 #include <surfel/base/fused-inl.h>
 #include <surfel/base/power-inl.h>
 #include <surfel/base/vec3-inl.h>
@@ -38,10 +39,6 @@ namespace surfel {
 namespace HWY_NAMESPACE {
 
 namespace hn = hwy::HWY_NAMESPACE;
-using D = hn::CappedTag<float, 16>;
-using V = hn::Vec<D>;
-using M = hn::Mask<D>;
-using Ints = hn::RebindToSigned<D>;
 
 namespace {
 

@@ -121,7 +121,7 @@ class TileRaster {
   template <bool kEllipses>
   void list(std::size_t begin, std::size_t end) {
     const D d;
-    const Unsigned du;
+    const Tags du;
     for (std::size_t p = 0; p < kPatches; ++p) {
       first_[p] = scratch_.listed.data() + p * (kChunk + kSpare);
       count_[p] = 0;
@@ -155,9 +155,9 @@ class TileRaster {
     }
   }
 
-  HWY_INLINE void put(int patch, hn::Mask<Unsigned> meets, hn::Vec<Unsigned> index) {
-    const Unsigned du;
-    const Compressor<Unsigned> listed(meets);
+  HWY_INLINE void put(int patch, hn::Mask<Tags> meets, hn::Vec<Tags> index) {
+    const Tags du;
+    const Compressor<Tags> listed(meets);
     listed.store(index, du, first_[patch] + count_[patch]);
     count_[patch] += listed.count();
   }

@@ -131,8 +131,8 @@ class RayTile {
     return hn::IfThenElse(hn::Gt(bounded, farthest), farthest, bounded);
   }
 
-  HWY_INLINE hn::Vec<Unsigned> splats_from(const std::uint32_t* first, std::size_t left) const {
-    const Unsigned du;
+  HWY_INLINE hn::Vec<Tags> splats_from(const std::uint32_t* first, std::size_t left) const {
+    const Tags du;
     return hn::IfThenElseZero(hn::FirstN(du, left), hn::LoadU(du, first));
   }
 
@@ -254,7 +254,7 @@ class RayTile {
   /// Lists the splats by the patches that they meet, in their order.
   void list() {
     const D d;
-    const Unsigned du;
+    const Tags du;
     const std::size_t needed = kPatches * room_;
     if (scratch_.listed.size() < needed) {
       scratch_.listed.resize(needed);
@@ -285,7 +285,7 @@ class RayTile {
           const V excess = hn::Sub(exponent, cut);
           const M near = hn::And(any, hn::Le(excess, all_lanes(kSlackOfExcess)));
           const auto patch = static_cast<std::size_t>(r * kPatchesAcross + c);
-          const Compressor<Unsigned> met(hn::And(boxes.met(c, r), hn::RebindMask(du, near)));
+          const Compressor<Tags> met(hn::And(boxes.met(c, r), hn::RebindMask(du, near)));
           const std::size_t to = patch * room_ + count_[patch];
           met.store(place, du, scratch_.listed.data() + to);
           met.store(depth, d, scratch_.nearest.data() + to);
@@ -562,7 +562,7 @@ class RayTile {
       waiting.reserve(fresh);
       for (std::size_t k = 0; k < fresh; ++k) {
         const std::uint32_t splat = order[chosen[k]];
-        const V place = hn::BitCast(d, hn::Set(Unsigned(), chosen[k]));
+        const V place = hn::BitCast(d, hn::Set(Tags(), chosen[k]));
         for (std::size_t part = 0; part < kParts; ++part) {
           V alpha, depth;
           samplers[part].at(splats[splat], perspective[splat], alpha, depth);

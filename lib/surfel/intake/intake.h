@@ -25,8 +25,11 @@ SURFEL_API bool holds_surfels(const std::string& path);
 
 /// The command that makes surfels of raw points, for a shell: normals look to the file's viewpoint,
 /// or else to the side of the file's normals.
-/// \param part   what was read of the file
-/// \param voxel  the edge of cells in which points are averaged, as a command says it; empty: none
+/// \param points  The points, of which only the columns and the header count.
+/// \param path    The file with the points.
+/// \param part    The part of the file that was read.
+/// \param voxel   The edge of cells in which points are averaged, as a command says it; empty:
+///                none.
 SURFEL_API std::string estimate_command(const SurfelCloud& points, const std::string& path,
                                         const CloudReadOptions& part = {},
                                         const std::string& voxel = {});
@@ -65,7 +68,8 @@ class SURFEL_API Intake {
 
   /// Reads the files, one at least. Throws what read_mesh() and read_cloud() throw, and
   /// Error(kInput) for pictures.
-  /// \param part  what to read of clouds; meshes are read whole
+  /// \param files  Paths of point clouds, surfels and meshes.
+  /// \param part   The part of clouds to read. Meshes are read whole.
   explicit Intake(const std::vector<std::string>& files, const CloudReadOptions& part = {});
   ~Intake();
   Intake(const Intake&) = delete;
@@ -81,9 +85,11 @@ class SURFEL_API Intake {
   /// points without sizes are estimated, on the side of the file's viewpoint or else of its
   /// normals, where there are more than 2^20 of them after they have been averaged in cells;
   /// several clouds are joined. Leaves nothing to be made again.
-  /// \param spacing  of a mesh's samples, scene units, > 0, and twice the edge of points' cells;
-  ///     rounded to three digits, as commands say it, and larger where a mesh would have more than
-  ///     2^23 samples.
+  /// \param spacing  Spacing of a mesh's samples, scene units, > 0, and half of the edge of points'
+  ///                 cells; rounded to three digits, as commands say it, and larger where a mesh
+  ///                 would have more than 2^23 samples.
+  /// \param options  Images and relief of meshes.
+  ///
   /// Throws what these steps throw, and Error(kUsage) for options of maps that no mesh has.
   Made surfels(double spacing, const IntakeOptions& options = {});
 

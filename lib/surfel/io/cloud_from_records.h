@@ -16,6 +16,7 @@ namespace surfel {
 /// \param file              Name for messages.
 /// \param double_positions  The file declares its coordinates as double (text may be read as double
 ///                          in spite of its header).
+///
 /// Throws Error(kInput) where there are no records, a coordinate is missing or the memory does not
 /// suffice. Internal to the io module.
 SurfelCloud cloud_from_records(const RecordTable& table, const std::string& file,
@@ -60,7 +61,8 @@ class PieceReader {
   /// How many parts the file has, of some thousand points each, which can be read together.
   std::size_t parts() const;
   std::size_t first(std::size_t part) const;  ///< Points before a part; of part parts() all.
-  /// The points of some parts. \param place  null: they get an origin of their own.
+  /// The points of some parts.
+  /// \param place  null: they get an origin of their own.
   SurfelCloud read(std::size_t begin, std::size_t end, const PointPlace* place = nullptr) const;
   /// Where PointRecords::read_all() places the points; reads all coordinates.
   PointPlace measure() const;

@@ -73,7 +73,9 @@ class SURFEL_API CloudReader {
   void for_each(FunctionRef<void(SurfelCloud piece)> visit) const;
   /// As for_each(), with the values that read_cloud() gives the surfels: all pieces have its
   /// origin. Reads all coordinates when it is called for the first time, which tells the origin.
-  /// \param most  surfels of a piece, >= 1; a piece has more only where the file has larger blocks.
+  /// \param most   Surfels of a piece, >= 1; a piece has more only where the file has larger
+  ///               blocks.
+  /// \param visit  Gets the pieces, in the order of the file.
   void for_each_placed(std::size_t most, FunctionRef<void(SurfelCloud piece)> visit) const;
 
   /// Points of the file, before the options leave some out.

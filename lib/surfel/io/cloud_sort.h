@@ -51,6 +51,7 @@ class SURFEL_API SortedCloudWriter {
   /// \param survey  of all pieces that will be written
   /// \param sample  of the same
   /// \param first   the first piece, settled: it decides on the columns and comments of the file.
+  ///
   /// Throws Error(kUsage) for a target that is not written as binary PLY, Error(kIo) where it
   /// cannot be written, or where its disk has no room for it and the scratch file.
   SortedCloudWriter(std::string path, const CloudSurvey& survey, const PositionSample& sample,

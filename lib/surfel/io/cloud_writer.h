@@ -40,7 +40,9 @@ class SURFEL_API CloudWriter {
   /// header and fields depend on all points.
   CloudWriter(std::string path, std::size_t count, const CloudWriteOptions& options = {});
   /// Opens a file of any format.
-  /// \param survey  of all pieces that will be written
+  /// \param path     The file, whose extension tells the format.
+  /// \param survey   Survey of all pieces that will be written.
+  /// \param options  Whether an older file is kept, and whether PLY is text.
   CloudWriter(std::string path, CloudSurvey survey, const CloudWriteOptions& options = {});
   ~CloudWriter();
   CloudWriter(const CloudWriter&) = delete;

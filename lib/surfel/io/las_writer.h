@@ -21,6 +21,7 @@ namespace surfel {
 class LasWriter {
  public:
   /// \param survey  of all pieces that will be written
+  ///
   /// Throws Error(kIo), and Error(kInput) for positions that are not finite.
   LasWriter(std::string path, const CloudSurvey& survey, bool no_clobber);
   ~LasWriter();

@@ -12,7 +12,9 @@ namespace surfel {
 class SURFEL_API LevelsWriter final : public LevelSink {
  public:
   /// Opens a file, as RowFile does.
-  /// \param provenance  a line for SurfelCloud::provenance; empty: none
+  /// \param path        The file to write.
+  /// \param provenance  A line for SurfelCloud::provenance; empty: none.
+  /// \param options     Whether an older file is kept, and which job a later run resumes.
   LevelsWriter(const std::string& path, std::string provenance, const RowFileOptions& options = {});
 
   void begin(const SurfelCloud& like, std::size_t surfels, std::size_t clusters) override;

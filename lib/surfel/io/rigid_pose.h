@@ -14,10 +14,10 @@ enum class CameraAxes {
   kRightUpBack        ///< OpenGL, Blender, NeRF.
 };
 
-/// Gives a camera its pose. \param matrix  3x4 or 4x4, takes columns from the camera to the world.
-/// Calls fail(message), which must not return, where that is no rotation and translation; files
-/// hold as few as five digits, so that it may be off by 1e-3, and is then made a rotation. Internal
-/// to the io module.
+/// Gives a camera its pose. Calls fail(message), which must not return, where the matrix is no
+/// rotation and translation; files hold as few as five digits, so that it may be off by 1e-3, and
+/// is then made a rotation. Internal to the io module.
+/// \param world_from_camera  3x4 or 4x4, takes columns from the camera to the world.
 void set_pose(Camera& camera, const Eigen::MatrixXd& world_from_camera, CameraAxes axes,
               FunctionRef<void(const std::string&)> fail);
 

@@ -39,8 +39,9 @@ class SURFEL_API RowFile final : public Checkpoints {
   ~RowFile() override;
 
   /// Begins the file. What was written after an earlier call is void.
-  /// \param like      a row or some with the columns of all, and what holds for the whole cloud
-  /// \param clusters  of the tree that finish_tree() will write
+  /// \param like      A row or some with the columns of all, and what holds for the whole cloud.
+  /// \param rows      Number of rows that will be written.
+  /// \param clusters  Clusters of the tree that finish_tree() will write.
   void begin(const SurfelCloud& like, std::uint64_t rows, std::uint64_t clusters = 0);
   std::size_t stride() const;  ///< Bytes of a row.
   /// Writes the rows [begin, end) of a cloud as the file's rows from `at` on. Several threads may

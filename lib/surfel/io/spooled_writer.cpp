@@ -17,6 +17,7 @@
 #include <surfel/io/file_kind.h>
 #include <surfel/io/row_file.h>
 #include <surfel/io/spooled_writer.h>
+#include <surfel/io/text_scanner.h>
 
 namespace surfel {
 namespace {

@@ -16,8 +16,8 @@ struct ChunkSize {
   bool operator==(const ChunkSize&) const = default;
 };
 
-/// The table of a file's chunks as it is stored behind them. \param variable  chunks have numbers
-/// of points of their own; else the table leaves these out
+/// The table of a file's chunks as it is stored behind them.
+/// \param variable  Chunks have numbers of points of their own; else the table leaves these out.
 SURFEL_API std::vector<std::uint8_t> encode_chunk_table(std::span<const ChunkSize> chunks,
                                                         bool variable);
 /// The reverse, from the table's first byte on to the end of the file at most. Throws Damage, also

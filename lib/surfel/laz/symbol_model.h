@@ -13,7 +13,8 @@ class SymbolModel {
   static constexpr int kProbabilityBits = 15;
 
   SymbolModel() = default;
-  /// All symbols are as probable. \param symbols  2 to 1024.
+  /// All symbols are as probable.
+  /// \param symbols  2 to 1024.
   explicit SymbolModel(unsigned symbols) { reset(symbols); }
   void reset(unsigned symbols);
   bool empty() const { return symbols_ == 0; }

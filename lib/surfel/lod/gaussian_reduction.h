@@ -22,8 +22,8 @@ namespace surfel {
 /// Pairs are sought as in Meister & Bittner 2018, "Parallel locally-ordered clustering": each
 /// Gaussian looks at its neighbours along a Morton curve, whose origin changes from round to round,
 /// and pairs that are each other's best are merged, the cheaper half of them in a round. Does not
-/// depend on the number of threads. The result follows
-/// a Morton curve. Keeps its memory from call to call.
+/// depend on the number of threads. The result follows a Morton curve. Keeps its memory from call
+/// to call.
 class SURFEL_API GaussianReduction {
  public:
   /// \param blur  standard deviation of the blur, scene units, >= 0.

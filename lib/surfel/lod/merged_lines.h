@@ -56,8 +56,9 @@ struct MergedPlace {
 /// - beyond which some member goes on: a hole is worse than what overhangs;
 /// - that the merged surfel does not reach (kClipReach);
 /// - that has almost the direction of a nearer one.
-/// \param members  surfels that the merged one stands for, one at least.
-/// \param beside   further surfels whose lines the merged one may reach.
+/// \param merged   The surfel that stands for the members.
+/// \param members  Surfels that the merged one stands for, one at least.
+/// \param beside   Further surfels whose lines the merged one may reach.
 SURFEL_API std::array<CutLine, 2> merged_lines(const MergedPlace& merged,
                                                std::span<const LinedSurfel* const> members,
                                                std::span<const LinedSurfel* const> beside = {});

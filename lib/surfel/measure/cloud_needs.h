@@ -58,20 +58,28 @@ class SURFEL_API CloudFactCounter {
 /// - holes, with the cutoff from which on discs leave none, if there is one up to 4;
 /// - discs that overlap more than kMuchOverlap times, where estimated sizes overlap 2 to 3 times;
 /// - areas that differ from the areas of the surfels' cells: sums of kernels are not about one
-/// then;
+///   then;
 /// - the cutoff that coefficients were fitted for; coincident surfels; opacities;
 /// - ellipses where discs would do, and the error of discs;
 /// - levels of detail where a picture of kPicturePixels has more surfels than pixels.
-/// \param statistics  statistics of the cloud, measured with `options`. Where there are holes they
+///
+/// \param cloud       Surfels, with any columns.
+/// \param statistics  Statistics of the cloud, measured with `options`. Where there are holes they
 ///                    are measured again at other cutoffs.
-/// \param file        name of the cloud's file in the commands.
+/// \param options     The options that the statistics were measured with.
+/// \param file        Name of the cloud's file in the commands.
+///
 /// Throws Error(kUsage) for bad options.
 SURFEL_API std::vector<CloudNeed> cloud_needs(const SurfelCloud& cloud,
                                               const CloudStatistics& statistics,
                                               const CloudStatisticsOptions& options,
                                               const std::string& file);
 /// The needs of a cloud that need not be in memory.
-/// \param holes  measures the share of holes with other options
+/// \param facts       Facts that CloudFactCounter found.
+/// \param statistics  Statistics of the cloud, measured with `options`.
+/// \param options     The options that the statistics were measured with.
+/// \param file        Name of the cloud's file in the commands.
+/// \param holes       Measures the share of holes with other options.
 SURFEL_API std::vector<CloudNeed> cloud_needs(
     const MeasuredFacts& facts, const CloudStatistics& statistics,
     const CloudStatisticsOptions& options, const std::string& file,

@@ -99,7 +99,7 @@ CloudSummary summarize_cloud(const SurfelCloud& cloud, const CloudStatisticsOpti
   return out;
 }
 
-CloudSummary summarize_cloud(const SurfelPieces& pieces, const CloudStatisticsOptions& options,
+CloudSummary summarize_cloud(const CloudPasses& pieces, const CloudStatisticsOptions& options,
                              const std::string& file, std::uint64_t memory) {
   require_usable(options);
   StreamedStatistics statistics(pieces, memory / 2, options);

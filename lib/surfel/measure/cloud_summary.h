@@ -36,7 +36,10 @@ struct CloudSummary {
 SURFEL_API std::uint64_t summary_bytes(std::uint64_t surfels, std::size_t row_bytes);
 
 /// Summarises a cloud in memory.
-/// \param file  name of the cloud's file in the commands that needs are met by
+/// \param cloud    Surfels or points, with any columns.
+/// \param options  Cutoff and samples of the measures.
+/// \param file     Name of the cloud's file in the commands that needs are met by.
+///
 /// Throws Error(kUsage) for bad options.
 SURFEL_API CloudSummary summarize_cloud(const SurfelCloud& cloud,
                                         const CloudStatisticsOptions& options,
@@ -47,7 +50,7 @@ SURFEL_API CloudSummary summarize_cloud(const SurfelCloud& cloud,
 /// that fit into the memory together, 9 MB each, and three times for every cutoff that is tried
 /// where there are holes. Beside the samples, half of the memory at most, a piece is in memory.
 /// Throws Error(kUsage) for bad options, and where the samples do not fit into the memory.
-SURFEL_API CloudSummary summarize_cloud(const SurfelPieces& pieces,
+SURFEL_API CloudSummary summarize_cloud(const CloudPasses& pieces,
                                         const CloudStatisticsOptions& options,
                                         const std::string& file, std::uint64_t memory);
 

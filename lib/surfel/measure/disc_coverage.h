@@ -137,6 +137,7 @@ struct CellNeighbor {
 /// The cell of a surfel.
 /// \param surfel  its number in the cloud, which chooses the points
 /// \param near    its kCellNeighbors + 1 nearest, itself included, nearest first
+///
 /// Unset where the cell is open, or neighbours that were not looked at could still cut it.
 std::optional<SurfelCell> surfel_cell(const Vec3f& position, const Vec3f& normal,
                                       std::uint64_t surfel, std::uint64_t seed,

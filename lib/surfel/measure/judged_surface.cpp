@@ -71,8 +71,8 @@ bool JudgedSurface::usable() const {
   return points.size() >= kLeastPoints && weight > 0 && frame.size() > 0;
 }
 
-Frame JudgedSurface::make_frame(const std::array<Vec3d, 3>& axes) const {
-  Frame made{axes, {}};
+ReferenceFrame JudgedSurface::make_frame(const std::array<Vec3d, 3>& axes) const {
+  ReferenceFrame made{axes, {}};
   std::vector<double> values(points.size());
   for (std::size_t k = 0; k < 3; ++k) {
     for (std::size_t i = 0; i < points.size(); ++i) values[i] = along(points[i], axes[k]);

@@ -41,7 +41,7 @@ struct Range {
 Range range_of(std::vector<double> values, double strays = kStrays);
 
 /// Axes of coordinates in which a scene is judged, and its ranges along them.
-struct Frame {
+struct ReferenceFrame {
   std::array<Vec3d, 3> axis;
   std::array<Range, 3> range;
   /// Extent along an axis, by the smaller one across it.
@@ -62,7 +62,7 @@ struct JudgedSurface {
 
   /// False where there is too little to judge.
   bool usable() const;
-  Frame make_frame(const std::array<Vec3d, 3>& axes) const;
+  ReferenceFrame make_frame(const std::array<Vec3d, 3>& axes) const;
   /// Share of the surface that lies on the surface again, to a cell, when mirrored in the middle of
   /// its range along an axis of the file.
   double mirrored(std::size_t axis) const;
@@ -84,7 +84,7 @@ struct JudgedSurface {
   Vec3d center{0, 0, 0};  ///< Centre of mass, relative to the origin.
   /// Mean normal: about zero for closed surfaces, and zero where the normals' sides tell nothing.
   Vec3d normal{0, 0, 0};
-  Frame frame;  ///< The file's axes.
+  ReferenceFrame frame;  ///< The file's axes.
 
  private:
   /// Do all normals look to the origin of coordinates, which lies among the points? Programs that

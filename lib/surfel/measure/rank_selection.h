@@ -25,7 +25,8 @@ class RankSelection {
   }
   std::uint64_t size() const { return size_; }
 
-  /// Ends the first pass. \param ranks  below size(), in any order.
+  /// Ends the first pass.
+  /// \param ranks  below size(), in any order.
   void choose(const std::vector<std::uint64_t>& ranks) {
     for (const std::uint64_t rank : ranks) {
       std::uint64_t before = 0;

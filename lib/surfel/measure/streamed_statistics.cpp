@@ -105,7 +105,7 @@ float radius_at(float variance, double cutoff) {
 /// Measures around samples, pass by pass.
 class SampledCells {
  public:
-  SampledCells(const SurfelPieces& pieces, const CloudStatisticsOptions& options,
+  SampledCells(const CloudPasses& pieces, const CloudStatisticsOptions& options,
                std::uint64_t finite)
       : pieces_(pieces), options_(options), finite_(finite) {}
 
@@ -140,7 +140,7 @@ class SampledCells {
   void measure_nearest(std::span<const std::size_t> crowded, float largest_radius,
                        std::vector<CellCoverage>& cells) const;
 
-  const SurfelPieces& pieces_;
+  const CloudPasses& pieces_;
   const CloudStatisticsOptions& options_;
   std::uint64_t finite_;
   std::vector<Sample> samples_;
@@ -332,7 +332,7 @@ std::optional<Coverage> SampledCells::coverage(float largest_radius, float media
 
 }  // namespace
 
-StreamedStatistics::StreamedStatistics(SurfelPieces pieces, std::uint64_t memory,
+StreamedStatistics::StreamedStatistics(CloudPasses pieces, std::uint64_t memory,
                                        const CloudStatisticsOptions& options)
     : pieces_(std::move(pieces)), memory_(memory), options_(options) {}
 

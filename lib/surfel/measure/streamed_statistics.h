@@ -12,9 +12,9 @@
 
 namespace surfel {
 
-/// Hands on all surfels of a cloud piece by piece in their order, as often as it is called. All
-/// pieces have the same columns and the same origin.
-using SurfelPieces = std::function<void(FunctionRef<void(const SurfelCloud& piece)> visit)>;
+/// Each call makes one pass over a cloud: it hands on all surfels in their order, piece by piece.
+/// All pieces have the same columns and the same origin.
+using CloudPasses = std::function<void(FunctionRef<void(const SurfelCloud& piece)> visit)>;
 
 /// cloud_statistics() of a cloud that comes piece by piece: the same figures, to the last bit. The
 /// pieces are handed on twice, to add() and, once it has had all of them, to look(); then they are
@@ -22,8 +22,10 @@ using SurfelPieces = std::function<void(FunctionRef<void(const SurfelCloud& piec
 /// each other than are looked at.
 class StreamedStatistics {
  public:
-  /// \param memory  bytes that samples may take
-  StreamedStatistics(SurfelPieces pieces, std::uint64_t memory,
+  /// \param pieces   Passes over the cloud.
+  /// \param memory   Bytes that samples may take.
+  /// \param options  Cutoff and samples of the measures.
+  StreamedStatistics(CloudPasses pieces, std::uint64_t memory,
                      const CloudStatisticsOptions& options);
 
   void add(const SurfelCloud& piece);
@@ -37,7 +39,7 @@ class StreamedStatistics {
   void measure(const CloudStatisticsOptions& options, CloudStatistics& out) const;
   void choose();
 
-  SurfelPieces pieces_;
+  CloudPasses pieces_;
   std::uint64_t memory_;
   CloudStatisticsOptions options_;
   CloudStatistics counted_;

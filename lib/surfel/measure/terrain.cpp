@@ -24,7 +24,7 @@ double one_sided(const JudgedSurface& s, const Vec3d& up) {
 
 /// Share of the points in columns along the height (axis 1 of the frame) in which they are about as
 /// high as they lie far from one another, of those in columns of some points.
-double single_valued(const JudgedSurface& s, const Frame& frame) {
+double single_valued(const JudgedSurface& s, const ReferenceFrame& frame) {
   constexpr double kPointsEach = 8;  // In the mean, so that few columns tell nothing.
   constexpr int kFewest = 4;
   constexpr double kSteepest = 2.5;  // Height in a column by the column's width.
@@ -70,7 +70,7 @@ bool is_terrain(const SurfaceSample& sample, const ViewGuess& guess) {
   constexpr double kSingle = 0.95;
   constexpr double kOneSide = 0.98;
   const Vec3d across = guess.up.unitOrthogonal();
-  const Frame frame = s.make_frame({across, guess.up, guess.up.cross(across)});
+  const ReferenceFrame frame = s.make_frame({across, guess.up, guess.up.cross(across)});
   const double thinness = frame.thinness(1);
   return thinness > kRelief && thinness < kThin && one_sided(s, guess.up) > kOneSide &&
          single_valued(s, frame) > kSingle;

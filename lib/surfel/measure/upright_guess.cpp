@@ -102,7 +102,8 @@ double convention(std::size_t axis, double sign) {
 }
 
 /// What the lowest points tell of a scene that stands on them.
-void add_support(const JudgedSurface& s, const Frame& frame, const Candidate& c, Reasons& reasons) {
+void add_support(const JudgedSurface& s, const ReferenceFrame& frame, const Candidate& c,
+                 Reasons& reasons) {
   const Range& range = frame.range[c.axis];
   const std::size_t a = (c.axis + 1) % 3;
   const std::size_t b = (c.axis + 2) % 3;
@@ -136,7 +137,7 @@ void add_support(const JudgedSurface& s, const Frame& frame, const Candidate& c,
 }
 
 /// Mean height, 0..1, of what is inside of the walls of a room; nullopt where there is no room.
-std::optional<double> height_of_inner(const JudgedSurface& s, const Frame& frame,
+std::optional<double> height_of_inner(const JudgedSurface& s, const ReferenceFrame& frame,
                                       const Candidate& c) {
   double inner = 0;
   double height = 0;
@@ -166,7 +167,7 @@ std::optional<double> height_of_inner(const JudgedSurface& s, const Frame& frame
   return height / inner;
 }
 
-Score judge(const JudgedSurface& s, const Frame& frame, const Candidate& c,
+Score judge(const JudgedSurface& s, const ReferenceFrame& frame, const Candidate& c,
             const std::array<double, 3>& symmetry) {
   const Vec3d up = c.sign * frame.axis[c.axis];
   const double thinness = frame.thinness(c.axis);
@@ -198,7 +199,7 @@ Score judge(const JudgedSurface& s, const Frame& frame, const Candidate& c,
 
 /// Axes along the largest plane of the scene, where that is under everything (or above) and is none
 /// of the file's.
-std::optional<Frame> tilted_frame(const JudgedSurface& s) {
+std::optional<ReferenceFrame> tilted_frame(const JudgedSurface& s) {
   constexpr std::size_t kTried = 256;  // Normals whose neighbourhoods are tried.
   const double near = portable::cos(radians(8));
   const std::size_t stride = std::max<std::size_t>(1, s.points.size() / kTried);

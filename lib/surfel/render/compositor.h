@@ -95,7 +95,8 @@ class SURFEL_API Compositor {
    public:
     virtual ~Worker() = default;
     /// Draws a tile: fills its A-buffer, which is empty unless the method takes splats in parts.
-    /// \param jobs  the tile's splats, parallel to Compositor::lists().
+    /// \param jobs  The tile's splats, parallel to Compositor::lists().
+    /// \param tile  The A-buffer of the tile.
     virtual void draw(std::span<const TileJob> jobs, TileABuffer& tile) = 0;
     /// A merged fragment behind all layers of the A-buffer of a pixel of the tile drawn last: its
     /// kCovered counts where there is an environment, and its depths do not. Only called if
@@ -140,7 +141,9 @@ class SURFEL_API CompositingMethod {
   /// All splats of a tile must be there at once, so that all surfels must be in memory.
   virtual bool needs_whole_tiles() const { return true; }
   /// Throws Error if the method cannot draw this cloud. The compositor keeps references to both.
-  /// \param opaque  no surfel, nor any material, has an opacity below 1.
+  /// \param cloud    The surfels of all pictures to come.
+  /// \param options  The options of all pictures to come.
+  /// \param opaque   No surfel, nor any material, has an opacity below 1.
   virtual std::unique_ptr<Compositor> make(const RenderCloud& cloud, const RenderOptions& options,
                                            bool opaque) const = 0;
 };

@@ -23,6 +23,7 @@ SURFEL_API std::vector<float> surfels_per_pixel(ClusterStore& store, const Camer
 /// \param picture  as Renderer::render() makes it with RenderOptions::aovs, without background.
 /// \param density  of surfels_per_pixel().
 /// \param background  linear R G B, opaque.
+///
 /// Throws Error(kUsage) for a picture without these channels, or if the sheet would have more than
 /// Camera::kMostSide pixels either way.
 SURFEL_API Image contact_sheet(const Image& picture, const std::vector<float>& density,

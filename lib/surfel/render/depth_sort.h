@@ -22,9 +22,12 @@ struct DepthSortScratch {
 };
 
 /// Orders the splats of a tile, nearest first. SIMD, chosen at run time.
-/// \param depths  `count` depths, larger is nearer, and room up to the next multiple of kTileSize
-/// \param splats  parallel to them
-/// \param order   `count` of `splats`
+/// \param depths   `count` depths, larger is nearer, and room up to the next multiple of kTileSize.
+/// \param splats   Numbers of the splats, parallel to `depths`.
+/// \param count    Number of splats.
+/// \param how      The precision of the order.
+/// \param scratch  Memory that grows as needed.
+/// \param order    Filled with the `count` numbers of `splats`, nearest first.
 SURFEL_API void sort_front_to_back(const float* depths, const std::uint32_t* splats,
                                    std::size_t count, DepthOrder how, DepthSortScratch& scratch,
                                    std::uint32_t* order);

@@ -29,6 +29,7 @@ class SURFEL_API EnvironmentMap {
  public:
   /// \param image  R G B A, of which A plays no role; twice as wide as high, at most 2^27 pixels.
   /// \param name   for messages.
+  ///
   /// Throws Error(kInput) for other sizes and for values that are not finite. The same for any
   /// number of threads.
   EnvironmentMap(const Image& image, const std::string& name);

@@ -17,6 +17,7 @@
 #include <hwy/cache_control.h>
 #include <hwy/highway.h>
 #include <surfel/base/compress-inl.h>
+#include <surfel/base/float_lanes-inl.h>
 #include <surfel/base/fused-inl.h>
 #include <surfel/base/lane_sums-inl.h>
 #include <surfel/base/normal_cdf-inl.h>
@@ -28,9 +29,7 @@ namespace surfel {
 namespace HWY_NAMESPACE {
 
 namespace hn = hwy::HWY_NAMESPACE;
-using D = hn::CappedTag<float, kTileSize>;
-using V = hn::Vec<D>;
-using M = hn::Mask<D>;
+static_assert(hn::MaxLanes(D()) <= std::size_t{kTileSize});
 
 /// For the body of the innermost loop: vectors passed to a function go through memory.
 #undef SURFEL_INLINE_LAMBDA
@@ -633,8 +632,6 @@ class FragmentLayer {
   }
 
  private:
-  using Tags = hn::RebindToUnsigned<D>;
-
   template <class Add>
   HWY_INLINE V take(V rho, V depth, V epsilon, std::uint32_t tag, const Add& add) {
     const D d;

@@ -23,8 +23,6 @@ HWY_BEFORE_NAMESPACE();
 namespace surfel {
 namespace HWY_NAMESPACE {
 
-using Tags = hn::RebindToUnsigned<D>;
-
 struct V3 {
   V x, y, z;
 };

@@ -35,8 +35,7 @@ struct Tick {
 };
 /// The multiples of 1, 2 or 5 times a power of ten in [min, max], as near to each other as gives
 /// `most` at most (2 or more), with as many decimals as tell them apart; numbers below 0.001 or of
-/// ten digits and more have exponents. One tick at min where both are the same but
-/// for rounding.
+/// ten digits and more have exponents. One tick at min where both are the same but for rounding.
 SURFEL_API std::vector<Tick> round_ticks(double min, double max, int most);
 
 /// Draws a legend into the lower right corner of a picture, over its first four channels, which are

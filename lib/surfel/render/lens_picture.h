@@ -28,7 +28,11 @@ struct LensPictureOptions {
 /// nearest pixel. Z is the depth along the camera's axis, with kEquirectangular the distance from
 /// the eye.
 ///
-/// \param draw  draws the picture of a pinhole camera; it is called once or up to six times.
+/// \param camera   Pose, size and focal lengths of the picture.
+/// \param lens     Distortion or projection.
+/// \param draw     Draws the picture of a pinhole camera; it is called once or up to six times.
+/// \param options  The pixel filter, and the colour where the lens shows nothing.
+///
 /// Memory: 12 bytes a pixel, and a picture of a pinhole beside the result. The result does not
 /// depend on the number of threads.
 SURFEL_API Image draw_through_lens(const Camera& camera, const Lens& lens,

@@ -31,7 +31,8 @@ struct PlainPixels {
 /// is plain if none of its fragments, up to the first opaque one, may lie at the edge of its
 /// surface; near the tile's border, or with TileABuffer::edges_later, a pixel with a single
 /// fragment is plain, too. The colours are resolve_pixel()'s over a background (premultiplied)
-/// within rounding. \param lighting  null: unlit.
+/// within rounding.
+/// \param lighting  null: unlit.
 PlainPixels resolve_plain_pixels(TileABuffer& tile, const Lighting* lighting,
                                  const Rgba& background);
 

@@ -9,6 +9,7 @@
 #endif
 
 #include <hwy/highway.h>
+#include <surfel/base/float_lanes-inl.h>
 #include <surfel/base/fused-inl.h>
 #include <surfel/base/vec3-inl.h>
 
@@ -17,10 +18,6 @@ namespace surfel {
 namespace HWY_NAMESPACE {
 
 namespace hn = hwy::HWY_NAMESPACE;
-using D = hn::CappedTag<float, 16>;
-using V = hn::Vec<D>;
-using M = hn::Mask<D>;
-using Ints = hn::RebindToSigned<D>;
 
 using Vec3V = Vec3<V>;
 
@@ -40,8 +37,8 @@ struct Discs {
   V slope_x, slope_y;          ///< p.x / p.z and p.y / p.z; orthographic: 0.
   V x, y;                      ///< Pixels.
   V deviation_u, deviation_v;  ///< Standard deviations, scene units.
-  V deviation,
-      radius;  ///< The larger deviation, and the disc's radius, which is sqrt(2 c) times as large.
+  V deviation;                 ///< The larger deviation.
+  V radius;                    ///< The disc's radius, sqrt(2 c) times `deviation`.
 };
 
 /// Tangent frames of surfels in camera space, and the columns of J V^(1/2), pixels.

@@ -27,7 +27,8 @@ class SURFEL_API NearnessPicture {
   static constexpr float kNothing = -std::numeric_limits<float>::infinity();
 
   NearnessPicture() = default;
-  /// No surfaces. \param margin  pixels on each side, >= 0.
+  /// No surfaces.
+  /// \param margin  pixels on each side, >= 0.
   void reset(int width, const RowRange& rows, int margin);
 
   int width() const { return width_; }

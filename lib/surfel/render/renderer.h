@@ -58,7 +58,8 @@ class SURFEL_API Renderer {
   /// How pixels of the picture that render() makes came about: the rows around each are drawn once
   /// more. Surfels are told by their places in the file where the store has the column `row`, else
   /// by their places in the store. Throws Error(kUsage) for a pixel outside of the picture.
-  /// \param pixels  columns and rows, 0 at the top left.
+  /// \param camera  The camera of the picture.
+  /// \param pixels  Columns and rows, 0 at the top left.
   std::vector<PixelExplanation> explain(const Camera& camera,
                                         std::span<const std::array<int, 2>> pixels);
 

@@ -43,7 +43,7 @@ class SURFEL_API SeenThrough {
   /// The next surface, front to back.
   /// \param surfaces How many surfaces the fragment stands for: 1, or more where it is merged.
   /// \param coverage share of the pixel that the surface covers, 0..1.
-  /// \param opacity opacity of the surface after shading: surfaces behind an opaque one do not
+  /// \param opacity  opacity of the surface after shading: surfaces behind an opaque one do not
   ///     count.
   void add(const Fragment& surface, float surfaces, float coverage, float opacity);
 
@@ -116,6 +116,7 @@ class SURFEL_API Shader {
   /// \param lowpass  Standard deviation of the pixel filter, pixels, where the fragments are
   ///                 filtered with it; 0 where several rays a pixel are going to be.
   /// \param mapped   The fragments' normals come from a normal map.
+  ///
   /// Throws Error(kUsage) if the scene's environment has not been loaded.
   Shader(const Scene* scene, const Camera& camera, double lowpass = 0, bool mapped = false);
   Shader(const Shader&) = delete;

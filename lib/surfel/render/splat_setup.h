@@ -62,12 +62,12 @@ struct SetUpSplats {
 /// infinite tolerance out.exact stays empty. Of surfels that half-planes cut, no splats are made
 /// where less than kLeastClipShare of the kernel is left everywhere.
 /// \param next    columns of the next call's surfels, or null: they are fetched from memory
-///     meanwhile, since clusters follow one another in depth, not in memory.
+///                meanwhile, since clusters follow one another in depth, not in memory.
 /// \param splats  gets a splat for each surfel of out.visible; materials and their effects on
-///     colour and opacity are left to the caller.
-/// \param clips  parallel to `splats`, with room for one vector past their end: gets what
-/// half-planes
-///     leave of them, see kClippedTag. Not touched where the surfels have no half-planes.
+///                colour and opacity are left to the caller.
+/// \param clips   parallel to `splats`, with room for one vector past their end: gets what
+///                half-planes leave of them, see kClippedTag. Not touched where the surfels have no
+///                half-planes.
 void set_up_splats(const SplatView& view, const SurfelColumns& surfels, int count,
                    const SurfelColumns* next, Splat* splats, SplatClip* clips, SetUpSplats& out);
 

@@ -351,7 +351,6 @@ class Rasterizer {
     }
     return hn::AndNot(open, all);
   }
-  using Tags = hn::RebindToUnsigned<D>;
 
   /// Adds splats to a vector of pixels, in steps over some of them at a time, layer by layer: a
   /// layer's sums depend only on contributions that no layer before it has taken. A splat that

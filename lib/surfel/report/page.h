@@ -37,7 +37,10 @@ SURFEL_API std::string page_html(const Page& page);
 SURFEL_API std::string facts_html(const std::vector<std::pair<std::string, std::string>>& facts);
 
 /// A picture, a chart or the like with a caption.
-/// \param kind  classes of the style sheet, or empty.
+/// \param kind          Classes of the style sheet, or empty.
+/// \param content_html  The picture or the chart, as HTML.
+/// \param caption_html  The caption, as HTML.
+/// \return A `figure` element.
 SURFEL_API std::string figure_html(const std::string& kind, const std::string& content_html,
                                    const std::string& caption_html);
 
@@ -50,7 +53,8 @@ class SURFEL_API PagePictures {
   /// A picture as PNG, as write_image() writes it.
   std::string add(const Image& image);
   /// A picture whose PNG file has these bytes.
-  /// \param image  the same, for its size.
+  /// \param png    Bytes of a PNG file.
+  /// \param image  The same, for its size.
   std::string add(const std::string& png, const Image& image);
 
  private:

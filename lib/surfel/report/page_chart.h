@@ -20,7 +20,9 @@ SURFEL_API Histogram histogram_of(const std::vector<double>& values, double leas
                                   std::size_t bins);
 
 /// A bar for each count.
-/// \param logarithmic  heights are logarithms of the counts, so that few are seen beside many.
+/// \param histogram    Counts, and the values at the ends of bars.
+/// \param logarithmic  Heights are logarithms of the counts, so that few are seen beside many.
+/// \return An `svg` element.
 SURFEL_API std::string histogram_svg(const Histogram& histogram, bool logarithmic = false);
 
 /// Counts of red, green and blue values in bins from 0 to 1, over one another.

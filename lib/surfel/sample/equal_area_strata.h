@@ -13,8 +13,9 @@ namespace surfel {
 /// of the area element, so that cells are equal in area up to the table's resolution.
 class EqualAreaStrata {
  public:
-  /// \param count  >= 1. Cost: one evaluation of the surface per cell of the table, which has about
-  /// as many cells as there are strata (4096 to 4 million).
+  /// Cost: one evaluation of the surface per cell of the table, which has about as many cells as
+  /// there are strata (4096 to 4 million).
+  /// \param count  Number of strata, >= 1.
   EqualAreaStrata(const ParametricSurface& surface, std::size_t count);
 
   /// Area of the surface, by quadrature over the table.

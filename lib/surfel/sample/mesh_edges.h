@@ -46,6 +46,8 @@ struct EdgeCounts {
   double border_length = 0;      ///< Scene units.
 };
 
+/// Counts the edges of a mesh by the faces that meet there.
+/// \param mesh   Any triangles.
 /// \param rings  edge_rings() of the mesh.
 SURFEL_API EdgeCounts count_edges(const TriangleMesh& mesh, const Array<std::uint32_t>& rings);
 

@@ -109,10 +109,10 @@ constexpr double kChunkBytes = 150;
 /// Samples of a mesh: by dart throwing, which has yet to tell their areas, or by elimination.
 struct Sampled {
   std::unique_ptr<PoissonDisk> darts;
-  Array<SurfaceSample> eliminated;
+  Array<PoissonSample> eliminated;
   bool too_many = false;  ///< There are none, as elimination would have made too many.
 
-  Array<SurfaceSample> samples() { return darts ? darts->samples() : std::move(eliminated); }
+  Array<PoissonSample> samples() { return darts ? darts->samples() : std::move(eliminated); }
 };
 
 /// Inputs of sampling, at whatever spacing. Spacings are in units of the field's.
@@ -143,7 +143,7 @@ struct Sampling {
   void check_chunks(double factor) const;
   std::unique_ptr<PoissonDisk> dart_throwing(double spacing) const;
   std::unique_ptr<PoissonDisk> short_dart_throwing(double spacing) const;
-  Array<SurfaceSample> elimination(double spacing, std::size_t count) const;
+  Array<PoissonSample> elimination(double spacing, std::size_t count) const;
 };
 
 /// Throws where the spacing is beyond the precision of the samples.
@@ -222,7 +222,7 @@ std::unique_ptr<PoissonDisk> Sampling::short_dart_throwing(double spacing) const
 }
 
 /// Samples by elimination, or none where they leave the surface uncovered.
-Array<SurfaceSample> Sampling::elimination(double spacing, std::size_t count) const {
+Array<PoissonSample> Sampling::elimination(double spacing, std::size_t count) const {
   const auto samples = static_cast<double>(count);
   check_memory(spacing * field.least(), samples, kEliminationBytes * samples);
   EliminatedSamples found = eliminate_samples(mesh, component, field, spacing, count, seed);
@@ -429,7 +429,7 @@ ColorLight color_light(const TriangleMesh& mesh) {
 /// Cuts surfels at the mesh's edges and adds the surfels that go on beyond.
 class EdgeCutter {
  public:
-  EdgeCutter(const MeshClips& clips, const Array<SurfaceSample>& samples, SurfelCloud& cloud)
+  EdgeCutter(const MeshClips& clips, const Array<PoissonSample>& samples, SurfelCloud& cloud)
       : clips_(clips), samples_(samples), cloud_(cloud) {}
 
   void run(MeshSampleReport& report) {
@@ -477,15 +477,15 @@ class EdgeCutter {
 
  private:
   const MeshClips& clips_;
-  const Array<SurfaceSample>& samples_;
+  const Array<PoissonSample>& samples_;
   SurfelCloud& cloud_;
 };
 
-void report_distances(const Array<SurfaceSample>& samples, MeshSampleReport& report) {
+void report_distances(const Array<PoissonSample>& samples, MeshSampleReport& report) {
   report.least_distance = std::numeric_limits<double>::infinity();
   double sum = 0;
   std::size_t with_neighbor = 0;
-  for (const SurfaceSample& sample : samples) {
+  for (const PoissonSample& sample : samples) {
     if (std::isinf(sample.nearest)) continue;
     report.least_distance = std::min<double>(report.least_distance, sample.nearest);
     sum += sample.nearest;
@@ -583,7 +583,7 @@ SurfelCloud sample_mesh(const TriangleMesh& whole, const MeshSampleOptions& opti
   stage.end("sample");
   if (sampled.too_many) return {};
   out.eliminated = !sampled.darts;
-  const Array<SurfaceSample> samples = sampled.samples();
+  const Array<PoissonSample> samples = sampled.samples();
   sampled.darts.reset();
   stage.end("areas");
 
@@ -603,11 +603,11 @@ SurfelCloud sample_mesh(const TriangleMesh& whole, const MeshSampleOptions& opti
   AttributeTransfer attributes(mesh, from_file ? mesh.wedge_normal : computed, cloud);
   // The samples' areas were measured on chunks with rounded corners, which shows in slivers.
   double sampled_area = 0;
-  for (const SurfaceSample& sample : samples) sampled_area += sample.area;
+  for (const PoissonSample& sample : samples) sampled_area += sample.area;
   const double to_exact = faces.total_area / sampled_area;
   const double scale2 = options.variance_scale * options.variance_scale;
   parallel_each(samples.size(), kSampleGrain, [&](std::size_t i) {
-    const SurfaceSample& sample = samples[i];
+    const PoissonSample& sample = samples[i];
     const double spacing = out.spacing * sample.size;
     const double cell = spacing * spacing;
     cloud.position[i] = sample.position;

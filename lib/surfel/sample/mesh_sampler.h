@@ -100,8 +100,8 @@ SURFEL_API void require_sampleable(const TriangleMesh& mesh, const std::string& 
 /// `name` is the mesh's file, which messages start with, or empty.
 /// Throws Error: kUsage for bad options; kInput where the mesh has no area, or the samples would
 /// not fit into memory or be finer than the coordinates' precision or than 1e-18, and what
-/// require_sampleable() refuses. The samples do not depend on
-/// the number of threads. A sample takes about 2.5 microseconds of one core and 200 bytes.
+/// require_sampleable() refuses. The samples do not depend on the number of threads. A sample takes
+/// about 2.5 microseconds of one core and 200 bytes.
 SURFEL_API SurfelCloud sample_mesh(const TriangleMesh& mesh, const MeshSampleOptions& options,
                                    MeshSampleReport* report = nullptr,
                                    const std::string& name = {});

@@ -138,7 +138,7 @@ class PoissonDisk::Impl {
     }
   }
 
-  Array<SurfaceSample> samples() const {
+  Array<PoissonSample> samples() const {
     const std::size_t n = surface_.chunk.size();
     Array<std::uint32_t> first_sample(n);
     std::uint32_t sum = 0;
@@ -148,7 +148,7 @@ class PoissonDisk::Impl {
       sum += used_[c];
       total_area += surface_.chunk[c].area();
     }
-    Array<SurfaceSample> out(sum);
+    Array<PoissonSample> out(sum);
     // Shares of area are added up as whole numbers: in any order they come to the same.
     Array<std::uint64_t> share;
     share.assign(slot_.size(), 0);
@@ -551,6 +551,6 @@ PoissonDisk::PoissonDisk(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 PoissonDisk::~PoissonDisk() = default;
 std::size_t PoissonDisk::size() const { return impl_->size(); }
 void PoissonDisk::fill(std::size_t count) { impl_->fill(count); }
-Array<SurfaceSample> PoissonDisk::samples() const { return impl_->samples(); }
+Array<PoissonSample> PoissonDisk::samples() const { return impl_->samples(); }
 
 }  // namespace surfel

@@ -12,7 +12,7 @@
 namespace surfel {
 
 /// A surface sample that Poisson-disk sampling made.
-struct SurfaceSample {
+struct PoissonSample {
   Vec3f position;      ///< Relative to the mesh's origin.
   std::uint32_t face;  ///< Face that the sample lies on.
   float area;     ///< Area of the surface that is nearer to this sample than to any other sample
@@ -80,7 +80,7 @@ class SURFEL_API PoissonDisk {
   /// samples, up to `count` samples in all; fewer where there is no more room.
   void fill(std::size_t count);
   /// The samples with their areas, in the order of a space-filling curve through blocks.
-  Array<SurfaceSample> samples() const;
+  Array<PoissonSample> samples() const;
 
  private:
   class Impl;

@@ -23,7 +23,9 @@ class SURFEL_API SizingField {
  public:
   /// One spacing everywhere.
   explicit SizingField(double spacing);
-  /// \param cells    may overlap. \param gradient  >= 0. \param largest  > 0.
+  /// \param cells     may overlap.
+  /// \param gradient  >= 0.
+  /// \param largest   > 0.
   SizingField(const std::vector<SizingCell>& cells, double gradient, double largest);
 
   double at(const Vec3f& p) const;

@@ -13,9 +13,9 @@ struct ClusterBounds {
   Vec3f center{0, 0, 0};     ///< Centre of a sphere around the surfels' positions.
   float radius = 0;          ///< Radius of that sphere.
   float max_deviation = 0;   ///< Largest standard deviation of the surfels' Gaussians, scene units.
-  Vec3f cone_axis{0, 0, 1};  ///< All normals lie within the cone around this axis ...
-  float cone_cosine =
-      -1;  ///< ... of this cosine; -1 if no cone narrower than a half-space holds them.
+  Vec3f cone_axis{0, 0, 1};  ///< Axis of a cone that holds all normals.
+  /// Cosine of the cone's half angle; -1 if no cone narrower than a half-space holds all normals.
+  float cone_cosine = -1;
 };
 
 /// Cosine below which a cone of normals is of no use for culling.
@@ -39,19 +39,22 @@ SURFEL_API ClusterBounds cluster_bounds(const ClusterColumns& surfels);
 /// Figures of some surfels; added_up() makes the whole cloud's figures of them.
 struct SurfelTotals {
   Vec3f min, max;  ///< Bounds of the positions that are not NaN; infinite if there is none.
-  Vec3f reach_min,
-      reach_max;          ///< Bounds of the positions, each extended by its surfel's deviation_u.
-  double deviations = 0;  ///< Sum of every surfel's larger standard deviation, scene units.
-  bool usable = true;     ///< What usability() asks for holds for every surfel.
+  /// Bounds of the positions, each extended by its surfel's deviation_u.
+  Vec3f reach_min, reach_max;
+  double deviations = 0;     ///< Sum of every surfel's larger standard deviation, scene units.
+  bool usable = true;        ///< What usability() asks for holds for every surfel.
   bool transparent = false;  ///< Some alpha is below 1.
 };
 
 /// The figures of all surfels, from the figures of their parts.
 SURFEL_API SurfelTotals added_up(std::span<const SurfelTotals> parts);
 
-/// \param alpha     may be null.
-/// \param positive  columns whose values must be above 0,
-/// \param bounded   and whose values must not be beyond kMostMagnitude.
+/// The figures of some surfels.
+/// \param surfels   Positions, normals and deviations.
+/// \param area      Area of every surfel, scene unit^2.
+/// \param alpha     Opacity of every surfel, 0..1; null: all are opaque.
+/// \param positive  Columns whose values must be above 0.
+/// \param bounded   Columns whose values must not be beyond kMostMagnitude.
 SURFEL_API SurfelTotals surfel_totals(const ClusterColumns& surfels, const float* area,
                                       const float* alpha, std::span<const float* const> positive,
                                       std::span<const float* const> bounded);

@@ -19,8 +19,8 @@ inline constexpr std::uint32_t kClusterSurfels = 256;
 struct TreeCluster {
   std::uint32_t begin = 0;  ///< Surfels of the cloud, kClusterSurfels at most.
   std::uint32_t end = 0;
-  std::uint32_t first_child =
-      0;  ///< A cluster's children follow one another, and so do the children's surfels.
+  /// A cluster's children follow one another, and so do the children's surfels.
+  std::uint32_t first_child = 0;
   std::uint32_t child_count = 0;  ///< 0: a cluster of the finest level.
   std::uint8_t level = 0;         ///< 0 = finest; children are one level below.
   /// Length that a surfel's piece of surface has on its longer side: root of the mean square by

@@ -15,6 +15,7 @@ namespace surfel {
 ///  - what they were trained with, and what is up, stay if all say the same;
 ///  - the numbers of Gaussians that were left out are added up.
 /// \param names  one for each cloud, for messages.
+///
 /// Throws Error(kInput) where the amplitudes of two clouds have different rules, and for no clouds.
 SURFEL_API GaussianCloud join_gaussians(std::vector<GaussianCloud> clouds,
                                         std::span<const std::string> names);

@@ -15,7 +15,8 @@ namespace surfel {
 SURFEL_API double text_width(std::string_view text);
 
 /// Composites a colour over a pixel of a picture, whose first four channels are premultiplied R G B
-/// A. \param cover  share of the pixel, 0..1.
+/// A.
+/// \param cover  share of the pixel, 0..1.
 SURFEL_API void blend_over(float* pixel, const Vec3f& color, double cover);
 
 /// Draws a line of text over a picture's first four channels, antialiased by the area that strokes

@@ -44,8 +44,10 @@ struct JoinReport {
 /// makes of the surfels, each piece about an origin of its own.
 class SURFEL_API CloudJoiner {
  public:
-  /// \param heads  head() of each cloud, or of any piece of it
-  /// \param names  one for each cloud, for messages
+  /// \param heads    head() of each cloud, or of any piece of it.
+  /// \param options  Rows of the material table that the surfels get.
+  /// \param names    One for each cloud, for messages.
+  ///
   /// Throws Error(kUsage) for unusable options, and Error(kInput) where a cloud has no variance and
   /// others do.
   CloudJoiner(std::vector<SurfelCloud> heads, const JoinOptions& options,
@@ -70,12 +72,12 @@ class SURFEL_API CloudJoiner {
 };
 
 /// The surfels of several clouds in one, in their order. A single cloud keeps all that it has; of
-/// several
+/// several:
 ///  - what some lack is filled: normal 0 (unknown); area sqrt |V|; alpha 1; colour
 ///    SurfelCloud::colorless(); coefficients the colour that would be rendered; material and level
 ///    0; other properties 0;
 ///  - variances become anisotropic where one cloud's variances are: along any tangent, both the
-///  same;
+///    same;
 ///  - uv, dpdu, dpdv, group and group_radius stay where all clouds have them: there is no value for
 ///    none. Groups stay as they are: where bodies overlap, splats of one group may;
 ///  - `source` is numbered anew, so that splats of different clouds never share it;
@@ -87,10 +89,15 @@ class SURFEL_API CloudJoiner {
 ///    each cloud's are scan_viewpoints of the joined cloud, and the property `scan` is numbered
 ///    anew in the order of the clouds; a cloud with one viewpoint is one scan. Where a cloud does
 ///    not know them there are none;
-///  - colours of which some are recorded light and some are not (meaning_of_colors())
-///    are ColorLight::kMixed; the grey of colourless surfels is not recorded;
+///  - colours of which some are recorded light and some are not (meaning_of_colors()) are
+///    ColorLight::kMixed; the grey of colourless surfels is not recorded;
 ///  - positions move to an origin for all.
-/// \param names  one for each cloud, for messages.
+///
+/// \param clouds   The clouds, one at least.
+/// \param options  Rows of the material table that the surfels get.
+/// \param names    One for each cloud, for messages.
+/// \param report   If not null, filled.
+///
 /// Throws what CloudJoiner throws, and Error(kInput) for more than 2^32 - 1 surfels.
 SURFEL_API SurfelCloud join_clouds(std::vector<SurfelCloud> clouds, const JoinOptions& options,
                                    std::span<const std::string> names,

@@ -45,8 +45,11 @@ class SURFEL_API SurfaceSampler {
   std::vector<SurfaceSample::Point> chosen_;
 };
 
-/// \param total  number of points that there were before some were left out, `count` at least.
-/// \param point  gives point i, to any thread that asks for it.
+/// Samples a surface whose points are computed one by one.
+/// \param count   Number of points to choose from.
+/// \param total   Number of points that there were before some were left out, `count` at least.
+/// \param origin  Origin of the points, world coordinates.
+/// \param point   Gives point i, to any thread that asks for it.
 SURFEL_API SurfaceSample sample_surface(std::size_t count, std::size_t total, const Vec3d& origin,
                                         FunctionRef<SurfaceSample::Point(std::size_t)> point);
 SURFEL_API SurfaceSample sample_surface(const SurfelCloud& cloud);

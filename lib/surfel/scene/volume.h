@@ -39,7 +39,8 @@ SURFEL_API double value_at(const Volume& volume, const Vec3d& voxel);
 SURFEL_API Vec3d gradient_at(const Volume& volume, const Vec3d& voxel);
 
 /// The values that shares of all voxels do not exceed.
-/// \param share  0..1, in any order.
+/// \param volume  A volume, one voxel at least.
+/// \param share   0..1, in any order.
 SURFEL_API std::array<double, 2> value_quantiles(const Volume& volume,
                                                  const std::array<double, 2>& share);
 

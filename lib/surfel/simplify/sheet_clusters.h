@@ -33,16 +33,19 @@ struct SheetClusters {
 ///   d^2 = |along the seed's tangent plane|^2 + (rules.sheet_weight height above it)^2.
 /// A surfel joins the seed with the least d / radius. A surfel without a normal stays alone.
 ///
-/// \param cloud   usable surfels with normals, in the order of a space-filling curve.
-/// \param search  searches the cloud's positions.
-/// \param radius  radius of every surfel if it becomes a seed, scene units, >= 0.
-/// \param fill_to  number of seeds that is wanted: where there are fewer, surfels at smaller and
-///                 smaller distances are made seeds as well, until there are as many, or no others.
-/// \param edges    the surfels with their half-planes, past which no cluster extends
-/// (ClusterEdges);
-///                 empty: none is cut.
-/// The result depends on these and `random_seed` alone. Throws Error(kUsage) for bad rules.
-/// Sequential: 0.5 s for a million surfels.
+/// \param cloud        Usable surfels with normals, in the order of a space-filling curve.
+/// \param search       Searches the cloud's positions.
+/// \param radius       Radius of every surfel if it becomes a seed, scene units, >= 0.
+/// \param rules        When two surfels lie on one sheet.
+/// \param random_seed  Chooses the random order.
+/// \param fill_to      Number of seeds that is wanted: where there are fewer, surfels at smaller
+///                     and smaller distances are made seeds as well, until there are as many, or no
+///                     others.
+/// \param edges        The surfels with their half-planes, past which no cluster extends
+///                     (ClusterEdges); empty: none is cut.
+///
+/// The result depends on these parameters alone. Throws Error(kUsage) for bad rules. Sequential:
+/// 0.5 s for a million surfels.
 SURFEL_API SheetClusters cluster_sheets(const SurfelCloud& cloud, const NeighborSearch& search,
                                         const Array<float>& radius, const SheetRules& rules,
                                         std::uint64_t random_seed, std::size_t fill_to = 0,

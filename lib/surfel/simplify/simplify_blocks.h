@@ -39,8 +39,15 @@ struct SimplifyBlockOptions {
 ///
 /// The result depends neither on the memory nor on threads. Mirror images follow the surfels of
 /// their block. Coordinates are double wherever the cloud's origin is not zero.
-/// \param sink  gets the results of the blocks along the curve; how many surfels will come is not
-///              known when it begins, and 0 there
+///
+/// \param cloud    The surfels, read by ranges.
+/// \param options  The number of surfels, or the error, that is asked for.
+/// \param sink     Gets the results of the blocks along the curve; how many surfels will come is
+///                 not known when it begins, and 0 there.
+/// \param report   If not null, filled.
+/// \param name     The cloud's file, for messages.
+/// \param blocks   Size of the blocks, and where finished ones are kept.
+///
 /// Returns false, before anything comes to the sink, where the cloud is not in the order of
 /// morton_order(). Throws as simplify_surfels() does.
 SURFEL_API bool simplify_by_blocks(const SurfelRanges& cloud, const SimplifyOptions& options,

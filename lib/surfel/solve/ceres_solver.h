@@ -35,15 +35,17 @@ SURFEL_API CeresReport ceres_least_squares(std::initializer_list<LeastSquaresTer
 SURFEL_API CeresReport ceres_solve(const SymmetricMatrix& matrix, const Array<Channels>& b,
                                    int channels, double tolerance, Array<Channels>& x);
 
-/// Minimises a smooth function of `x` by Ceres' L-BFGS. \param evaluate  sets cost and, where not
-/// null, the gradient; returns false where the cost is not finite.
+/// Minimises a smooth function of `x` by Ceres' L-BFGS.
+/// \param evaluate  sets cost and, where not null, the gradient; returns false where the cost is
+///                  not finite.
 SURFEL_API CeresReport ceres_minimize(
     Array<double>& x, FunctionRef<bool(const double* x, double* cost, double* gradient)> evaluate,
     double tolerance, int max_iterations);
 
 /// Moves rigid bodies so that points of each lie on planes of others: minimises the sum of Cauchy's
 /// function of all distances by Ceres' Levenberg-Marquardt steps, on one thread. The first body
-/// rests. \param scale  distance from which on matches count less, > 0.
+/// rests.
+/// \param scale  distance from which on matches count less, > 0.
 SURFEL_API CeresReport ceres_move_bodies(std::span<const PlaneMatch> matches, double scale,
                                          std::span<BodyMotion> motion);
 

@@ -15,9 +15,10 @@ namespace surfel {
 /// precision does: A's diagonal should lie within 1e-24 and 1e24.
 class SURFEL_API InverseFactor {
  public:
-  /// \param row_entries  of the pattern, on average, at most 240; 4 leaves the blocks alone. 0: a
-  /// third of the matrix' mean, at least 8 and at most 64: the least total time on Gram matrices of
-  /// Gaussians, whose rows grow with their condition number (56 to 320 entries, 1e2 to 1e7).
+  /// \param row_entries  Entries in a row of the pattern on average, at most 240; 4 leaves the
+  ///                     blocks alone. 0: a third of the matrix' mean, at least 8 and at most 64:
+  ///                     the least total time on Gram matrices of Gaussians, whose rows grow with
+  ///                     their condition number (56 to 320 entries, 1e2 to 1e7).
   explicit InverseFactor(const SymmetricMatrix& matrix, std::size_t row_entries = 0);
 
   std::size_t rows() const { return factor_.rows; }

@@ -37,9 +37,14 @@ SURFEL_API std::uint64_t group_block_bytes(std::size_t surfels, std::size_t row_
 /// nor on threads: the blocks are the same for all. It may have more groups than one colouring of
 /// all splats, see docs/groups.md.
 ///
+/// \param cloud    The surfels, read by ranges.
 /// \param options  `groups` is 0.
-/// \param sink     gets the blocks along the curve, with the column `group` and without
+/// \param sink     Gets the blocks along the curve, with the column `group` and without
 ///                 `group_radius`.
+/// \param report   If not null, filled.
+/// \param name     The cloud's file, for messages.
+/// \param parts    Size of the blocks, and where finished ones are kept.
+///
 /// Returns false, before anything comes to the sink, where the cloud is not in the order of
 /// morton_order(). Throws as make_groups() does.
 SURFEL_API bool group_by_blocks(const SurfelRanges& cloud, const GroupingOptions& options,

@@ -44,8 +44,8 @@ struct GroupingReport {
 /// depend on the order of the splats in the cloud (except for splats at the very same place) nor on
 /// the number of threads. Of more than kMostGroupedAtOnce splats, unless their number of groups is
 /// fixed, blocks along a Morton curve get their groups one after the other (group_blocks.h). Throws
-/// Error(kUsage) for bad options, Error(kInput) starting with `name`
-/// as make_overlap_graph() and greedy_coloring() do.
+/// Error(kUsage) for bad options, Error(kInput) starting with `name` as make_overlap_graph() and
+/// greedy_coloring() do.
 SURFEL_API Array<std::uint16_t> make_groups(const SurfelCloud& cloud,
                                             const GroupingOptions& options,
                                             GroupingReport* report = nullptr,

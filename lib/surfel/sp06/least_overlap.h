@@ -34,7 +34,13 @@ struct LeastOverlapReport {
 /// end no splat alone can lower the sum.
 ///
 /// 4 bytes for each end of an edge. Placement is sequential: the same for any number of threads.
+///
+/// \param cloud   The surfels, with sizes.
+/// \param graph   The pairs of splats that overlap.
+/// \param cutoff  Radius of a splat in standard deviations, as splat_radius() takes it.
+/// \param order   Every splat once: the order in which they are placed.
 /// \param groups  1..kMaxGroups; some stay empty if there are fewer splats.
+/// \param report  If not null, filled.
 SURFEL_API Coloring least_overlap_groups(const SurfelCloud& cloud, const OverlapGraph& graph,
                                          double cutoff, const Array<std::uint32_t>& order,
                                          std::uint32_t groups,

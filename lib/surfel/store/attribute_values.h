@@ -64,7 +64,10 @@ class SURFEL_API AttributeValues {
   static bool of_size(const std::string& name);
 
   /// Throws Error(kInput) naming `file` and the attributes that there are if `name` is none.
-  /// \param up  direction of elevation, world coordinates; made unit.
+  /// \param source  The surfels, which must outlive the values.
+  /// \param name    The attribute, as find() takes it.
+  /// \param up      Direction of elevation, world coordinates; made unit.
+  /// \param file    The file of the surfels, for messages.
   AttributeValues(const SurfelSource& source, const std::string& name, const Vec3d& up,
                   const std::string& file);
 

@@ -52,7 +52,13 @@ struct AdaptiveSpacingReport {
 ///
 /// The mesh is looked at in uniform samples, four times as many each time until few of the surfels
 /// would go where detail is as fine as they are.
-/// \param textures  of the mesh (load_textures()), or null: its own colours alone.
+///
+/// \param mesh      The surface to sample.
+/// \param textures  Textures of the mesh (load_textures()), or null: its own colours alone.
+/// \param options   The error or the number of samples that is asked for.
+/// \param report    If not null, filled.
+/// \param name      The mesh's file, for messages.
+///
 /// Throws Error as sample_mesh() and fit_texture() do. The same for any number of threads.
 SURFEL_API SizingField adaptive_spacing(const TriangleMesh& mesh, TextureSet* textures,
                                         const AdaptiveSpacingOptions& options,

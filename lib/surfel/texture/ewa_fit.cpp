@@ -96,7 +96,9 @@ class EwaFit {
 
   Mat2d reconstruction() const { return reconstruction_variance(options_); }
 
-  EwaKernel footprint(std::size_t k) const { return ewa_kernel(cloud_, k, map_of(k), options_); }
+  EwaFootprint footprint(std::size_t k) const {
+    return ewa_footprint(cloud_, k, map_of(k), options_);
+  }
 
   /// The kernels of a surfel's points, which have one shape, and their centres.
   struct PointKernels {
@@ -159,7 +161,7 @@ class EwaFit {
           count(k, report_.without_uv);
           continue;
         }
-        const EwaKernel place = footprint(k);
+        const EwaFootprint place = footprint(k);
         if (place.point) count(k, report_.without_kernel);
         if (place.widened) count(k, report_.widened);
         if (!options_.exact) level_[k] = level_for(place.kernel);
@@ -337,9 +339,9 @@ class EwaFit {
 
 }  // namespace
 
-EwaKernel ewa_kernel(const SurfelCloud& cloud, std::size_t surfel, const TextureMap& map,
-                     const TextureFitOptions& options) {
-  EwaKernel result;
+EwaFootprint ewa_footprint(const SurfelCloud& cloud, std::size_t surfel, const TextureMap& map,
+                           const TextureFitOptions& options) {
+  EwaFootprint result;
   result.kernel.center = map.texel(cloud.uv[surfel]);
   result.kernel.variance = reconstruction_variance(options);
   if (auto variance = texture_space_variance(cloud, surfel, map.width(), map.height())) {

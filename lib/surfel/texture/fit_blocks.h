@@ -75,7 +75,15 @@ SURFEL_API std::uint64_t fit_block_bytes(std::size_t surfels, std::size_t row_by
 /// the curve tell; kGram needs the largest lambda of any block, for which all blocks are fitted
 /// again where a later block needs more than the stretches.
 ///
-/// \param sink  gets the blocks along the curve, and all of them anew where they are fitted again.
+/// \param cloud    The surfels, read by ranges.
+/// \param source   The textures that coefficients are fitted to.
+/// \param options  The method and its weights.
+/// \param sink     Gets the blocks along the curve, and all of them anew where they are fitted
+///                 again.
+/// \param report   If not null, filled.
+/// \param name     The cloud's file, for messages.
+/// \param blocks   Size of the blocks and of their halo, and where finished ones are kept.
+///
 /// Returns false, before anything comes to the sink, where the cloud is not in the order of
 /// morton_order(). Throws as fit_coefficients() does, and Error(kUsage) for fit_block_problems().
 SURFEL_API bool fit_by_blocks(const SurfelRanges& cloud, const FitSource& source,

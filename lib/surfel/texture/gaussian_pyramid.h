@@ -57,7 +57,10 @@ struct LevelRange {
 /// that are not wanted, only the rows that still have a part in other levels' rows are kept.
 class SURFEL_API PyramidStream {
  public:
-  /// \param wanted  levels from 1 on; fewer are made where they come down to a single texel.
+  /// \param x       Columns of the image that come.
+  /// \param y       Rows of the image that come.
+  /// \param wrap    Continues the image beyond its borders.
+  /// \param wanted  Levels from 1 on; fewer are made where they come down to a single texel.
   PyramidStream(const TexelAxis& x, const TexelAxis& y, WrapMode wrap, const LevelRange& wanted);
   ~PyramidStream();
   PyramidStream(PyramidStream&&) noexcept;
@@ -94,7 +97,9 @@ class SURFEL_API GaussianPyramid {
   static constexpr double kExponentCutoff = 10;
   static constexpr int kMaxLevel = 30;  ///< No image has more than 2^30 texels a side.
 
-  /// Level 0 alone. \param image  its pitch is 1; `first` is 0 unless `wrap` is kNothing.
+  /// Level 0 alone.
+  /// \param image  Its pitch is 1; `first` is 0 unless `wrap` is kNothing.
+  /// \param wrap   Continues the image beyond its borders.
   GaussianPyramid(PyramidLevel image, WrapMode wrap);
   /// A pyramid with the levels from 1 on as PyramidStream made them; kernels must belong on levels
   /// that have texels.
@@ -111,8 +116,10 @@ class SURFEL_API GaussianPyramid {
     Eigen::Array<double, 4, 1, Eigen::DontAlign> texels{0, 0, 0, 0};
     double kernel = 0;  ///< Sum of the kernel over the texels that exist.
   };
-  /// \param max_level  the coarsest level to use; 0: the image's own texels, whatever it takes.
-  /// A level that was not built is replaced by the coarsest there is.
+  /// Filters the image with a kernel.
+  /// \param kernel     Centre and variance in texels of level 0.
+  /// \param max_level  The coarsest level to use; 0: the image's own texels, whatever it takes. A
+  ///                   level that was not built is replaced by the coarsest there is.
   Sum filter(const TexelKernel& kernel, int max_level = kMaxLevel) const;
 
   /// Box around the image's texels that the kernel reaches on level 0, beyond its borders too.

@@ -30,7 +30,12 @@ struct NormalFitReport {
 /// get a zero. All other columns stay as they are: the disc stays on the surface.
 ///
 /// Normals are averaged as they are; slopes of heights by their moments (raised_normal()).
+///
+/// \param cloud    Surfels with normals and uv. The column shading_normal changes.
+/// \param maps     The relief of each material.
 /// \param options  reconstruction, max_aspect and exact are heeded.
+/// \param name     The cloud's file, for messages.
+///
 /// Throws Error(kUsage) where the options are not usable, Error(kInput) with a message that starts
 /// with `name`, the cloud's, where it has no normals or lacks a texture's columns, or has a
 /// material without a map. The same for any number of threads.

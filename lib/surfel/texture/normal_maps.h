@@ -56,8 +56,10 @@ struct SURFEL_API NormalMaps {
 
 /// The maps that the options name, or those of the mesh's materials: MTL's norm, else its bump.
 /// Images are in memory as a whole, 16 bytes a texel (heights 32), and a third more for a pyramid.
-/// \param mesh       may be null where the options name an image. It must outlive the result.
-/// \param mesh_name  starts messages about the mesh.
+/// \param options    The image for all materials, or none, and how it is read.
+/// \param mesh       May be null where the options name an image. It must outlive the result.
+/// \param mesh_name  Starts messages about the mesh.
+///
 /// Throws Error: kUsage for options that are not usable, kInput where the mesh has no texture
 /// coordinates or an image not the channels that it needs, kIo and kInput for the images.
 SURFEL_API NormalMaps load_normal_maps(const NormalMapOptions& options, const TriangleMesh* mesh,
@@ -84,8 +86,10 @@ SURFEL_API std::optional<Vec3d> normal_in_scene(const ReliefBase& base, const Ve
 /// T^-T (h_x, h_y), T being the surface's derivative by texels, and varies as a Gaussian of the
 /// slopes' mean and covariance. The moments carry the variance through all levels of a pyramid, as
 /// Olano and Baker have them ("LEAN mapping", 2010). By Gauss and Hermite's rule of 5 x 5 points.
-/// \param width, height  of the image, texels.
-/// Nullopt where the derivatives span no area.
+/// \param base           The surface's normal and its derivatives by texture coordinates.
+/// \param slopes         Mean and covariance of the slopes of the heights.
+/// \param width, height  Of the image, texels.
+/// \return Nullopt where the derivatives span no area.
 SURFEL_API std::optional<Vec3d> raised_normal(const ReliefBase& base, const HeightSlopes& slopes,
                                               int width, int height);
 

@@ -81,7 +81,8 @@ struct SURFEL_API EvaluatedBasis {
   Array<Channels> residuals(const Array<Channels>& w, const Array<Channels>& f) const;
   /// |A w - f|^2 over the covered points.
   Channels residual2(const Array<Channels>& w, const Array<Channels>& f) const;
-  /// A^T f. \param f  per point; ignored at uncovered ones.
+  /// A^T f.
+  /// \param f  per point; ignored at uncovered ones.
   Array<Channels> multiply_transposed(const Array<Channels>& f) const;
 };
 
@@ -118,13 +119,15 @@ struct SURFEL_API RenderSystem {
   /// The weight of |w_k - w_0k|^2.
   double pull(std::size_t k) const { return lambda + (held.empty() ? 0 : held[k]); }
 
-  /// A^T f + mu B^T w_0 + (lambda + held) w_0. \param f  per point; ignored at uncovered ones.
-  /// \param w_0 per function.
+  /// A^T f + mu B^T w_0 + (lambda + held) w_0.
+  /// \param f    per point; ignored at uncovered ones.
+  /// \param w_0  per function.
   Array<Channels> right_side(const Array<Channels>& f, const Array<Channels>& w_0) const;
   /// The terms that hold w back: all terms except the first.
   Channels pull2(const Array<Channels>& w, const Array<Channels>& w_0) const;
   /// A^T D A + mu B^T B + lambda I + diag(held) with the diagonal matrix D: the normal matrix where
-  /// points count by weights. \param weight  per point.
+  /// points count by weights.
+  /// \param weight  per point.
   SymmetricMatrix weighted_normal_matrix(const Array<double>& weight) const;
 };
 

@@ -52,8 +52,10 @@ SURFEL_API SolidTextureOptions solid_texture_options(const std::string& name);
 /// is averaged over the variance that they had. Callable from any thread.
 class SURFEL_API SolidTexture {
  public:
-  /// \param bounds  that options.frequency and options.center refer to; an empty box or a point
-  ///                counts as one of diagonal 1.
+  /// \param options  The pattern, its colours and its frequency.
+  /// \param bounds   That options.frequency and options.center refer to; an empty box or a point
+  ///                 counts as one of diagonal 1.
+  ///
   /// Throws Error(kUsage) for bad options.
   SolidTexture(const SolidTextureOptions& options, const Bounds& bounds);
   ~SolidTexture();
@@ -61,14 +63,15 @@ class SURFEL_API SolidTexture {
   SolidTexture& operator=(SolidTexture&&) noexcept;
 
   double feature_size() const { return feature_size_; }  ///< Scene units.
-  /// The colour at a point, linear; between dark and light. The mean where the point
-  /// is not finite, or so many features away that doubles have no fractions left.
+  /// The colour at a point, linear; between dark and light. The mean where the point is not finite,
+  /// or so many features away that doubles have no fractions left.
   Vec3f evaluate(const Vec3d& point) const;
   /// The mean colour over a Gaussian about a point. Checker: within 0.003 of the range of colours.
   /// The others: the mean of nine parts of the Gaussian, on each of which the noise is taken as
   /// linear with a normal distribution about it; root mean square errors by the Gaussian's size are
   /// in docs/texture.md.
-  /// \param axes  scene units; longer than 1e9 features: the mean of all space.
+  /// \param point  Centre of the Gaussian, world coordinates.
+  /// \param axes   Scene units; longer than 1e9 features: the mean of all space.
   Vec3f filtered(const Vec3d& point, const KernelAxes& axes) const;
   Vec3f mean() const;  ///< Of all space.
 

@@ -36,7 +36,10 @@ struct SurfaceLookupReport {
 /// Surfels further from the mesh than three of their (larger) standard deviations, beyond the
 /// coordinates' rounding, are not located: their uv are NaN.
 ///
-/// \param name  the mesh's file, to start messages with, or empty.
+/// \param cloud  Surfels near the mesh. Their columns of texture coordinates change.
+/// \param mesh   The mesh that the surfels were sampled from.
+/// \param name   The mesh's file, to start messages with, or empty.
+///
 /// Throws Error(kInput) where the mesh has no uv, or the surfels have no variance. The cloud is
 /// unchanged then. The same for any number of threads. Cost: 1.5 microseconds of one core a surfel
 /// near the mesh and 0.3 a face; 50 bytes for each of both.

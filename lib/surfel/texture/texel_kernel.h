@@ -34,9 +34,12 @@ inline Vec2d texel_position(const Vec2f& uv, int width, int height) {
 /// of the map from texels to the surface, 2x2, scene units per texel. The frame of T lies in the
 /// plane of dpdu and dpdv; an anisotropic surfel's tangent is projected into it, so that a smooth
 /// normal that leans away from its face does not shorten the kernel. Mirrored frames are fine.
-/// \param width, height  of the image, texels.
+/// \param cloud          Surfels with sizes and texture coordinates.
+/// \param surfel         Number of the surfel, below cloud.size().
+/// \param width, height  Of the image, texels.
 /// \return texel^2; nullopt where there is none: derivatives that are zero, parallel (uv without
 ///         area) or not finite, or a variance that is negative or not finite.
+///
 /// The cloud must have the columns dpdu, dpdv and variance or (tangent, variance_u, variance_v).
 SURFEL_API std::optional<Mat2d> texture_space_variance(const SurfelCloud& cloud, std::size_t surfel,
                                                        int width, int height);

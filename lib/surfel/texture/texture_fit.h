@@ -29,8 +29,7 @@ enum class TextureFitKind {
 enum class GramRightSide {
   /// c_k = sum_i c_i <r_k, n_i o t^-1> [SS01 (11)], n the reconstruction kernel and t the map from
   /// the texture to the surface: the w_k minimise SS01 (10), the error of sum_k w_k r_k itself.
-  /// That
-  /// sum is the surface's colour only where amplitudes are areas; without the column `area`,
+  /// That sum is the surface's colour only where amplitudes are areas; without the column `area`,
   /// coefficients take up the factor.
   kPublished,
   /// c_k = <r_k, sum_j r_j> w_ewa: the sum of all functions in place of 1, by which the renderer
@@ -187,12 +186,19 @@ struct SURFEL_API TextureFitReport {
 
 /// Throws Error(kInput) with a message that starts with `name` where a cloud lacks columns that the
 /// kernels of textures need, or has a material without a map.
-/// \param first  number of the first surfel in its file, for messages
+/// \param cloud     A cloud, or some of its surfels.
+/// \param textures  The maps of the materials.
+/// \param name      The cloud's file, which starts messages.
+/// \param first     Number of the first surfel in its file, for messages.
 SURFEL_API void check_textured(const SurfelCloud& cloud, const TextureSet& textures,
                                const std::string& name, std::size_t first = 0);
 
 /// The lambda that kGram chooses for these surfels, relative to the mean of the diagonal.
-/// \param textured  surfels without uv are left out
+/// \param cloud     Surfels with sizes.
+/// \param textured  Surfels without uv are left out.
+/// \param options   The weights of the fit.
+/// \param name      The cloud's file, for messages.
+///
 /// Throws as fit_colors() does where kernels are missing.
 SURFEL_API double gram_lambda(const SurfelCloud& cloud, bool textured,
                               const TextureFitOptions& options,
@@ -201,7 +207,11 @@ SURFEL_API double gram_lambda(const SurfelCloud& cloud, bool textured,
 /// For clouds that come piece by piece: announces the kernels of a piece to the maps. Once all are
 /// announced and load_requested() was called, fit_texture() by kEwa gives the surfels of a piece
 /// what it gives them in the whole cloud. Throws as fit_texture() does.
-/// \param first  number of the piece's first surfel in the file, for messages
+/// \param piece     Consecutive surfels of the cloud.
+/// \param textures  The maps of the materials.
+/// \param options   The options of the fit to come.
+/// \param name      The cloud's file, for messages.
+/// \param first     Number of the piece's first surfel in the file, for messages.
 SURFEL_API void request_kernels(SurfelCloud& piece, TextureSet& textures,
                                 const TextureFitOptions& options, const std::string& name,
                                 std::size_t first);
@@ -217,10 +227,10 @@ SURFEL_API TextureFitReport fit_texture(SurfelCloud& cloud, TextureSet& textures
 /// Fits the coefficients to the surfels' own colour samples instead of a texture, so that the
 /// rendered surface takes the colours c_k at the points, where w_k = c_k blurs. kEwa is w_k = c_k.
 /// With robust, coefficients are pulled towards the winsorised samples (robust_fit.h): an outlier
-/// would hold its own coefficient. With kRender, lambda is 0.5
-/// if unset, as noise must not be fitted (render_system.h). Of the columns, position, normal,
-/// variance and colour are needed. Throws Error(kUsage) for refine_variance: one point a surfel
-/// does not tell its variance; and for the right side kPublished, which needs a texture.
+/// would hold its own coefficient. With kRender, lambda is 0.5 if unset, as noise must not be
+/// fitted (render_system.h). Of the columns, position, normal, variance and colour are needed.
+/// Throws Error(kUsage) for refine_variance: one point a surfel does not tell its variance; and for
+/// the right side kPublished, which needs a texture.
 SURFEL_API TextureFitReport fit_colors(SurfelCloud& cloud, const TextureFitOptions& options,
                                        const std::string& name = "surfels");
 

@@ -54,6 +54,7 @@ class SURFEL_API TextureMap {
   /// not needed. Throws Error(kInput) where the file is damaged, or the texels needed do not fit
   /// into memory.
   void load();
+  /// \param kernel     Centre and variance in texels of the image.
   /// \param max_level  0: the sum over the image's own texels, even where coarser levels are built.
   TextureSample sample(const TexelKernel& kernel, int max_level = GaussianPyramid::kMaxLevel) const;
   /// Colour of the whole image. Reads a file once more.
@@ -75,9 +76,11 @@ class SURFEL_API TextureMap {
 /// A texture seen through one chart: texels outside of it have no weight, at any level.
 class SURFEL_API ChartTexture {
  public:
-  /// \param triangles  of the chart. \param box  their coverage_box() on the texture's texel grid,
-  ///                    which may reach beyond the image (wrapped); the map must have it loaded.
-  /// \param levels     that kernels belong on.
+  /// \param map        The texture, which must outlive this object.
+  /// \param triangles  Triangles of the chart.
+  /// \param box        Their coverage_box() on the texture's texel grid, which may reach beyond the
+  ///                   image (wrapped); the map must have it loaded.
+  /// \param levels     Levels that kernels belong on.
   ChartTexture(const TextureMap& map, const std::vector<UvCharts::Triangle>& triangles,
                const CoverageRaster& box, const LevelRange& levels);
 

@@ -22,7 +22,10 @@ SURFEL_API bool is_procedural_image(const std::string& name);
 
 /// An image that a material of the mesh names, in its file or in the mesh's. Throws Error(kInput)
 /// naming the file that names the image where there is no such file, else as InputFile does.
-/// \param mesh_name  the mesh's file.
+/// \param mesh       The mesh, which may hold images itself.
+/// \param material   The material that names the image.
+/// \param image      The name, as the material has it.
+/// \param mesh_name  The mesh's file.
 SURFEL_API InputFile material_image(const TriangleMesh& mesh, const MeshMaterial& material,
                                     const std::string& image, const std::string& mesh_name);
 
@@ -47,8 +50,10 @@ struct TextureSourceOptions {
 
 /// Textures of surfels that were sampled from `mesh`, or, without one, of any surfels. Materials
 /// that name no image have their diffuse colour. The mesh must outlive the result.
-/// \param mesh       may be null where there is an image.
-/// \param mesh_name  starts messages about the mesh.
+/// \param options    The image for all materials, or none, and how it is read.
+/// \param mesh       May be null where there is an image.
+/// \param mesh_name  Starts messages about the mesh.
+///
 /// Throws Error: kUsage without image and mesh, kInput where the mesh has no texture coordinates,
 /// or neither image nor materials; kIo and kInput for the images.
 SURFEL_API TextureSet load_textures(const TextureSourceOptions& options, const TriangleMesh* mesh,

@@ -37,9 +37,11 @@ class SURFEL_API UvCharts {
 
   /// The chart of the point of the surface at `uv` that is nearest to `position` (world
   /// coordinates): where charts lie on one another, the position tells them apart.
-  /// \param material   of the surfel; nullopt: any.
-  /// \param tolerance  how far, along u and v, `uv` may lie outside of a face.
-  /// \return nullopt if no face is there.
+  /// \param uv         Texture coordinates of the point.
+  /// \param position   A place near the point, world coordinates.
+  /// \param material   Material of the surfel; nullopt: any.
+  /// \param tolerance  How far, along u and v, `uv` may lie outside of a face.
+  /// \return Nullopt if no face is there.
   std::optional<std::uint32_t> find(const Vec2f& uv, const Vec3d& position,
                                     std::optional<std::uint16_t> material,
                                     const Vec2f& tolerance) const;

@@ -46,6 +46,7 @@ struct RenderSolution {
 /// \param solution  in: the variances to start with, and a system of mu = 0; out: the variances
 ///                  found, as single precision holds them, and their system and coefficients.
 /// \param solve  sets w to the solution of a system, from w on.
+///
 /// Throws Error(kUsage) where mu is not 0 or the options are not usable.
 /// The result does not depend on the number of threads. It takes some 0.5 ms of one core a surfel
 /// (12 points, c = 1), almost all of it to evaluate the model 150 times; an interrupt ends it after

@@ -61,12 +61,16 @@ struct MeshRenderOptions {
 class SURFEL_API MeshRenderer {
  public:
   /// Keeps references to all but the options; they must outlive the renderer.
+  /// \param mesh      The surface to draw.
   /// \param textures  null: none are to be seen. Charts play no role.
+  /// \param scene     Lights, environment and materials.
+  /// \param options   Rays of a pixel, the pixel filter, bounces and background.
+  ///
   /// Throws Error: kUsage for options or scenes that are not usable, and for bounces where nothing
-  /// is lit or the scene has no environment; kInput where a column of the
-  /// mesh has another length than it must have or a face names vertices or materials that the mesh
-  /// lacks, and where there are textures or normal maps but the mesh has no texture coordinates, or
-  /// has a material without a map; kNumeric if the mesh does not fit into memory a second time.
+  /// is lit or the scene has no environment; kInput where a column of the mesh has another length
+  /// than it must have or a face names vertices or materials that the mesh lacks, and where there
+  /// are textures or normal maps but the mesh has no texture coordinates, or has a material without
+  /// a map; kNumeric if the mesh does not fit into memory a second time.
   MeshRenderer(const TriangleMesh& mesh, const TextureSet* textures, const Scene& scene,
                const MeshRenderOptions& options);
   MeshRenderer(TriangleMesh&& mesh, const TextureSet* textures, const Scene& scene,
@@ -80,7 +84,8 @@ class SURFEL_API MeshRenderer {
   /// Premultiplied linear R G B A over the background. The same for any number of threads. Draws
   /// on all threads; several calls may run at once. Throws Error(kUsage) for a camera that is not
   /// usable.
-  /// \param progress  called with the share that is done, 0..1, from any thread; may be empty.
+  /// \param camera    The camera of the picture.
+  /// \param progress  Called with the share that is done, 0..1, from any thread; may be empty.
   Image render(const Camera& camera, const std::function<void(double)>& progress = {}) const;
 
   /// World bounds of the faces, for make_camera(). Refers to the mesh.

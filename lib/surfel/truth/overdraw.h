@@ -14,14 +14,20 @@ namespace surfel {
 inline constexpr double kMostOverdraw = 512;
 
 /// Number of discs that a ray through the picture meets, in the mean over a grid of 8 x 8 rays.
-/// \param discs  hierarchy of the cloud's discs.
-/// \param reach  discs are ellipses of so many standard deviations.
+/// \param cloud   The discs.
+/// \param discs   Hierarchy of the cloud's discs.
+/// \param reach   Half axes of a disc, in standard deviations.
+/// \param camera  The camera of the picture.
 SURFEL_API double mean_overdraw(const RenderCloud& cloud, const DiscHierarchy& discs, double reach,
                                 const Camera& camera);
 
 /// Throws Error(kInput) where a renderer that draws every disc over each of its rays would take a
 /// time that is not in proportion to the cloud: where mean_overdraw() is more than kMostOverdraw.
-/// \param name  starts the message.
+/// \param cloud   The discs.
+/// \param discs   Hierarchy of the cloud's discs.
+/// \param reach   Half axes of a disc, in standard deviations.
+/// \param camera  The camera of the picture.
+/// \param name    Starts the message.
 SURFEL_API void require_bounded_overdraw(const RenderCloud& cloud, const DiscHierarchy& discs,
                                          double reach, const Camera& camera,
                                          const std::string& name);

@@ -54,7 +54,8 @@ class SURFEL_API ReferenceRenderer {
   /// Premultiplied linear R G B A over the background. The same for any number of threads. Draws
   /// on all threads; several calls may run at once. Throws Error(kUsage) for a camera that is not
   /// usable.
-  /// \param progress  called with the share that is done, 0..1, from any thread; may be empty.
+  /// \param camera    The camera of the picture.
+  /// \param progress  Called with the share that is done, 0..1, from any thread; may be empty.
   Image render(const Camera& camera, const std::function<void(double)>& progress = {}) const;
 
   /// Throws Error(kInput) where a picture would take a time that is not in proportion to the

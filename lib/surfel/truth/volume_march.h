@@ -21,7 +21,10 @@ struct VolumeMarchOptions {
 /// step by step, with the transfer function of the values as these are interpolated linearly.
 /// Voxels end half an edge beyond their centres. R G B A, premultiplied, as displays take it
 /// (sRGB). Throws Error(kUsage) for orthographic cameras.
-/// \param function  of absolute values.
+/// \param volume    The values.
+/// \param function  Colour and opacity of absolute values.
+/// \param camera    A camera with perspective.
+/// \param options   Length of a step, rays of a pixel, shading and density.
 SURFEL_API Image march_volume(const Volume& volume, const TransferFunction& function,
                               const Camera& camera, const VolumeMarchOptions& options = {});
 

@@ -63,7 +63,10 @@ enum PackedColumn : std::uint16_t {
 
 /// Appends a cluster, whose rows the cloud holds. The surfels are in an order in which the first
 /// ones of any number are spread over the cluster as evenly as all are.
-/// \param attribute  a cloud of the same surfels whose red is the attribute, 0..1; null: none.
+/// \param cloud      Surfels with a tree of clusters.
+/// \param cluster    Number among the cloud's clusters.
+/// \param attribute  A cloud of the same surfels whose red is the attribute, 0..1; null: none.
+/// \param to         Gets the bytes: a PackedCluster, then its columns.
 SURFEL_API void pack_cluster(const RenderCloud& cloud, std::uint32_t cluster,
                              const RenderCloud* attribute, std::string& to);
 

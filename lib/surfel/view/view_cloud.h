@@ -67,7 +67,9 @@ class SURFEL_API ViewCloud {
 
   /// Appends the records of clusters [first, end).
   void append_records(std::size_t first, std::size_t end, std::string& to) const;
-  /// Appends packed clusters (packed_cluster.h). \param clusters  at most kMostAtOnce.
+  /// Appends packed clusters (packed_cluster.h).
+  /// \param clusters  Numbers of clusters, at most kMostAtOnce.
+  /// \param to        Gets the bytes.
   void append_clusters(std::span<const std::uint32_t> clusters, std::string& to) const;
   static constexpr std::size_t kMostAtOnce = 4096;
 

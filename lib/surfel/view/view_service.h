@@ -32,7 +32,9 @@ struct ViewAnswer {
 class SURFEL_API ViewService {
  public:
   /// Keeps references to the clouds.
-  /// \param token  letters and digits.
+  /// \param clouds   Clouds of the page, one at least.
+  /// \param options  The first view, and what the head of the page says.
+  /// \param token    Letters and digits.
   ViewService(std::vector<const ViewCloud*> clouds, const ViewPageOptions& options,
               std::string token);
 

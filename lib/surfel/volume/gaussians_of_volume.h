@@ -50,12 +50,16 @@ struct GaussiansOfVolumeReport {
 /// kernels of more would be opaque beyond the voxel. Blocks are merged as isotropic Gaussians where
 /// what is around them, as far as these reach, is as dense.
 ///
-/// Colours have spherical harmonics of degree 1, by which they depend on the line
-/// of sight v and the normal n, the direction in which values fall: c (1 - shading (1 - n.v) / 2).
-/// Where the values hardly change there is no normal, and colours depend on it less and less.
+/// Colours have spherical harmonics of degree 1, by which they depend on the line of sight v and
+/// the normal n, the direction in which values fall: c (1 - shading (1 - n.v) / 2). Where the
+/// values hardly change there is no normal, and colours depend on it less and less.
 ///
-/// \param function  of absolute values.
-/// \param name      of the volume, for messages.
+/// \param volume    The values.
+/// \param function  Colour and opacity of absolute values.
+/// \param name      Name of the volume, for messages.
+/// \param options   Size of the Gaussians, and when voxels are merged.
+/// \param report    If not null, filled.
+///
 /// Throws Error(kUsage) for bad options, and Error(kInput) if no voxel can be seen.
 SURFEL_API GaussianCloud gaussians_of_volume(const Volume& volume, const TransferFunction& function,
                                              const std::string& name,

@@ -5,7 +5,8 @@
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
 #include <surfel/base/progress.h>
-#include <surfel/estimate/cloud_facts.h>
+#include <surfel/estimate/estimate_blocks.h>
+#include <surfel/estimate/estimate_facts.h>
 #include <surfel/estimate/halo_loader.h>
 #include <surfel/estimate/noisy_normals.h>
 #include <surfel/estimate/place_sample.h>
@@ -30,9 +31,9 @@ std::size_t finite_without_normal(const SurfelCloud& cloud) {
 
 }  // namespace
 
-CloudFacts read_cloud_facts(const SurfelRanges& cloud, const EstimateOptions& options,
-                            std::size_t run_length, const std::string& name) {
-  CloudFacts facts(run_length);
+EstimateFacts read_estimate_facts(const SurfelRanges& cloud, const EstimateOptions& options,
+                                  std::size_t run_length, const std::string& name) {
+  EstimateFacts facts(run_length);
   const bool aligned = options.orientation.method == Orientation::kAlign;
   PlaceSample sample(std::max({kNoiseSample, kScanLineSample, kPixelSample}));
   ProgressStage progress("reading " + (name.empty() ? "points" : name), cloud.size(), "points");
@@ -72,7 +73,7 @@ CloudFacts read_cloud_facts(const SurfelRanges& cloud, const EstimateOptions& op
   return facts;
 }
 
-CloudRules decide_rules(const SurfelRanges& cloud, const CloudFacts& facts,
+CloudRules decide_rules(const SurfelRanges& cloud, const EstimateFacts& facts,
                         const EstimateOptions& options, const std::string& name) {
   const OrientationOptions& orientation = options.orientation;
   const std::size_t finite = facts.index.finite();

@@ -11,9 +11,10 @@
 
 namespace surfel {
 
-/// What is told from all points of a cloud that is not in memory.
-struct CloudFacts {
-  explicit CloudFacts(std::size_t run_length) : index(run_length) {}
+/// What the first pass over a cloud that is not in memory finds, which the estimates of its blocks
+/// depend on.
+struct EstimateFacts {
+  explicit EstimateFacts(std::size_t run_length) : index(run_length) {}
 
   RunIndex index;
   std::vector<Vec3f> sample;       ///< Places of the cloud (place_sample.h).
@@ -27,8 +28,8 @@ struct CloudFacts {
 
 /// Reads the cloud once. Throws Error(kInput), which starts with `name`, where no point is finite
 /// and where consecutive points do not lie close together.
-CloudFacts read_cloud_facts(const SurfelRanges& cloud, const EstimateOptions& options,
-                            std::size_t run_length, const std::string& name);
+EstimateFacts read_estimate_facts(const SurfelRanges& cloud, const EstimateOptions& options,
+                                  std::size_t run_length, const std::string& name);
 
 /// What holds for the whole cloud.
 struct CloudRules {
@@ -39,7 +40,7 @@ struct CloudRules {
 
 /// Decides what holds for the whole cloud. Throws Error(kUsage) and Error(kInput) for what cannot
 /// be estimated block by block.
-CloudRules decide_rules(const SurfelRanges& cloud, const CloudFacts& facts,
+CloudRules decide_rules(const SurfelRanges& cloud, const EstimateFacts& facts,
                         const EstimateOptions& options, const std::string& name);
 
 }  // namespace surfel
