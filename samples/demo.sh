@@ -6,7 +6,7 @@ set -euo pipefail
 output=$(realpath -m "${1:-$(dirname "${BASH_SOURCE[0]}")/../out}")
 source "$(dirname "${BASH_SOURCE[0]}")/../tests/support/setup.sh"
 surfel_install_packages "${surfel_demo_packages[@]}"
-surfel_build demo surfel-from-mesh surfel-texture surfel-info surfel-render
+surfel_build demo
 PATH=$surfel_root/build/demo/bin:$PATH
 samples=$surfel_root/samples
 mkdir -p "$output"

@@ -7,11 +7,11 @@ surfel_root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd)
 # The compiler, and the libraries of the core.
 surfel_demo_packages=(
   g++ cmake ninja-build pkg-config
-  libcli11-dev libcpp-httplib-dev libeigen3-dev libfmt-dev libhwy-dev libpng-dev libpugixml-dev libtbb-dev libtomlplusplus-dev libzstd-dev nlohmann-json3-dev zlib1g-dev
+  libcli11-dev libeigen3-dev libfmt-dev libhwy-dev libpng-dev libpugixml-dev libtbb-dev libtomlplusplus-dev libzstd-dev nlohmann-json3-dev zlib1g-dev
 )
-# The plug-ins. CMake finds OpenImageIO only where its tools are, too.
+# The plug-ins, and the server of surfel-view. CMake finds OpenImageIO only where its tools are, too.
 surfel_plugin_packages=(
-  libceres-dev libdraco-dev libembree-dev libflann-dev libimath-dev liblz4-dev libmeshoptimizer-dev
+  libceres-dev libcpp-httplib-dev libdraco-dev libembree-dev libflann-dev libimath-dev liblz4-dev libmeshoptimizer-dev
   libopenimageio-dev libopenmesh-dev libopenmpi-dev libpcl-dev openimageio-tools openmpi-bin
 )
 # The Python module.
