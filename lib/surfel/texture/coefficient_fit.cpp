@@ -387,7 +387,7 @@ Array<double> texture_integrals(const SurfelCloud& cloud, const SurfelBasis& bas
       const std::uint32_t k = basis.surfel[i];
       const TextureMap& map = textures.maps[textures.map_index(cloud, k)];
       integrals[i] =
-          basis.function[i].area * lattice_sum(ewa_kernel(cloud, k, map, options).kernel);
+          basis.function[i].area * lattice_sum(ewa_footprint(cloud, k, map, options).kernel);
     }
   });
   return integrals;
