@@ -2,13 +2,13 @@
 # Checks that sources and headers of the library and the tools compile alone: the builds of the presets join sources of a
 # folder (unity builds), where one may use what another has included. Nothing is built (-fsyntax-only): a file takes 4 s.
 #   tests/compile_alone.sh             files that the last 20 commits changed, and the benchmarks, which CI builds nowhere else
-#   tests/compile_alone.sh REVISION    the same of what changed since a revision; in both cases 40 files at most, the latest first
+#   tests/compile_alone.sh REVISION    the same of what changed since a revision; in both cases 20 files at most, the latest first
 #   tests/compile_alone.sh --all       all files, which takes half an hour of one core
 # Changes that are not committed count as well. In a clone without earlier commits files from all over the project are
 # checked instead. Ends with 0 if all files that were checked compile.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
-most=40
+most=20
 database=build/alone/compile_commands.json
 
 # Headers named -inl.h are for sources that Highway compiles several times.
