@@ -43,7 +43,7 @@ struct Settings {
   bool json = false;
 };
 
-void declare(CLI::App& app, Settings& s) {
+void declare(surfel::tool::CommandLine& app, Settings& s) {
   using surfel::ImageEncoding;
   namespace tool = surfel::tool;
   app.add_option("tested", s.tested, "Picture to judge (- = standard input)")->required();

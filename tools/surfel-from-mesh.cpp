@@ -34,7 +34,7 @@ struct Request {
 };
 
 void declare(tool::Tool& tool, Request& r) {
-  CLI::App& app = tool.app();
+  tool::CommandLine& app = tool.app();
   app.add_option("mesh", r.mesh, "Triangles (OBJ, PLY, STL, OFF, glTF)")->required();
   app.add_option("-o,--output", r.output,
                  "Surfels to write (PLY, PCD, LAS, LAZ; - = standard output)")
@@ -57,7 +57,7 @@ void declare(tool::Tool& tool, Request& r) {
                "Surfels end at the mesh's borders and at creases of more than --crease-angle, with "
                "mirrored surfels beyond, on top of --count; for meshes with sharp edges");
 
-  app.option_defaults()->group("Adaptive spacing");
+  app.group("Adaptive spacing");
   app.add_flag("--adaptive", r.adaptive,
                "Small surfels where texture or shape have detail, large ones elsewhere; with "
                "--max-error or --count");
@@ -76,10 +76,10 @@ void declare(tool::Tool& tool, Request& r) {
       {{"repeat", WrapMode::kRepeat}, {"mirror", WrapMode::kMirror}, {"clamp", WrapMode::kClamp}},
       "Of --adaptive: what lies beyond the image's borders; default: as the mesh's materials say, "
       "else repeat");
-  app.option_defaults()->group("Options");
+  app.group("Options");
 }
 
-void check(const CLI::App& app, const Request& r) {
+void check(const tool::CommandLine& app, const Request& r) {
   std::vector<std::string> problems;
   if (r.adaptive) {
     problems = r.adapt.problems();

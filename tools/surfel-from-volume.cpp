@@ -26,14 +26,14 @@ struct Settings {
   surfel::GaussiansOfVolumeOptions gaussians;
 };
 
-void declare_options(CLI::App& app, Settings& s) {
+void declare_options(surfel::tool::CommandLine& app, Settings& s) {
   app.add_option("volume", s.inputs,
                  "Volume (NRRD, NHDR, MHA, MHD), or the images of a stack, one for each z, in the "
                  "order of their names")
       ->required();
   app.add_option("-o,--output", s.output, "Gaussians to write (PLY; - = standard output)")
       ->required();
-  app.option_defaults()->group("What it looks like");
+  app.group("What it looks like");
   app.add_option(
       "--transfer", s.transfer,
       fmt::format("Colours and densities by value: {}, or a TOML file; default: ct where "
@@ -47,7 +47,7 @@ void declare_options(CLI::App& app, Settings& s) {
       app, "--spacing", s.spacing,
       "Distances of voxels along the axes, scene units, 1e-15..1e15; default: the "
       "file's, 1,1,1 for images");
-  app.option_defaults()->group("How many");
+  app.group("How many");
   app.add_option("--max-error", s.gaussians.max_error,
                  "Voxels become one Gaussian where their opacities and colours differ by no more, "
                  "0..1; 0: only where they are the same");

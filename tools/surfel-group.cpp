@@ -38,7 +38,7 @@ struct Settings {
   surfel::CoverageOptions coverage;
 };
 
-void declare_options(CLI::App& app, Settings& s) {
+void declare_options(surfel::tool::CommandLine& app, Settings& s) {
   using namespace surfel;
   OverlapOptions& overlap = s.grouping.overlap;
   app.add_option("surfels", s.input, "Surfels (PLY, PCD, LAS, LAZ; - = standard input)")
@@ -49,7 +49,7 @@ void declare_options(CLI::App& app, Settings& s) {
                "Print groups, largest and mean degree for overlaps of 1.0, 0.8, 0.6 and 0.4, a row "
                "of the table in SP06, to standard output");
 
-  app.option_defaults()->group("Overlap");
+  app.group("Overlap");
   app.add_option("--cutoff", overlap.cutoff,
                  "c that a splat ends at: its radius is sqrt(2 c variance), 0.01..16");
   app.add_option("--overlap", overlap.overlap,
@@ -67,7 +67,7 @@ void declare_options(CLI::App& app, Settings& s) {
       "Most that the overlapping pairs may take, GB; 0 = what 256 neighbours of every surfel "
       "take, at most half of what is free");
 
-  app.option_defaults()->group("Groups");
+  app.group("Groups");
   tool::add_choice(
       app, "--order", s.grouping.order,
       {{"largest-first", ColoringOrder::kLargestFirst},
@@ -79,7 +79,7 @@ void declare_options(CLI::App& app, Settings& s) {
                  "So many groups, each splat where it overlaps least; 0 = as few as it takes for "
                  "no two splats of a group to overlap");
 
-  app.option_defaults()->group("Coverage of the surface by every group, for transparent rendering");
+  app.group("Coverage of the surface by every group, for transparent rendering");
   tool::add_choice(app, "--cover", s.cover,
                    {{"none", CoverMethod::kNone},
                     {"enlarge", CoverMethod::kEnlarge},
@@ -101,7 +101,7 @@ void declare_options(CLI::App& app, Settings& s) {
   app.add_option("--fixed-point", s.coverage.fixed_point_iterations,
                  "Of --cover enlarge: iterations of the fixed point in SP06, reported beside the "
                  "solution for comparison; 0 = none");
-  app.option_defaults()->group("Options");
+  app.group("Options");
   tool::add_memory(app, s.memory,
                    "Memory for surfels; a binary PLY file in space-filling order (surfel-convert "
                    "--sort curve) may be larger, without --groups and --cover");
@@ -112,7 +112,7 @@ void declare_options(CLI::App& app, Settings& s) {
 bool can_divide(const Settings& s) { return s.grouping.groups == 0 && !s.cover; }
 
 /// Adds a problem for each given option that has no effect beside the others.
-void check_effects(const CLI::App& app, const Settings& s, std::vector<std::string>& problems) {
+void check_effects(const surfel::tool::CommandLine& app, const Settings& s, std::vector<std::string>& problems) {
   using surfel::CoverMethod;
   const auto needs = [&](const char* option, bool in_force, const char* other) {
     if (in_force || app.get_option(option)->count() == 0) return;
@@ -130,7 +130,7 @@ void check_effects(const CLI::App& app, const Settings& s, std::vector<std::stri
   needs("--resume", !s.output.empty(), "--output");
 }
 
-void check(const CLI::App& app, Settings& s) {
+void check(const surfel::tool::CommandLine& app, Settings& s) {
   std::vector<std::string> problems = s.grouping.problems();
   if (s.output.empty() && !s.print_table) {
     problems.emplace_back("there is neither --output nor --print-table; give one");

@@ -36,7 +36,7 @@ struct Settings {
   bool resume = false;                  ///< Keep what an interrupted run has made.
 };
 
-void declare_options(CLI::App& app, Settings& s) {
+void declare_options(surfel::tool::CommandLine& app, Settings& s) {
   app.add_option(
          "surfels", s.input,
          "Surfels (PLY, PCD, LAS, LAZ; - = standard input), or trained splats (PLY, .splat, .spz, "
@@ -47,7 +47,7 @@ void declare_options(CLI::App& app, Settings& s) {
                  "surfels as a store, to which surfel-convert --append adds: a folder, whose name "
                  "ends in /")
       ->required();
-  app.option_defaults()->group("Levels");
+  app.group("Levels");
   app.add_option("--reduction", s.hierarchy.reduction,
                  "Surfels of a level for one of the next coarser level, 2..16: less comes closer "
                  "to what a picture needs, and makes a larger file");
@@ -56,7 +56,7 @@ void declare_options(CLI::App& app, Settings& s) {
                  "in (0, 90]");
   app.add_option("--sheet-weight", s.hierarchy.sheets.sheet_weight,
                  "How much more distances across the surface count than along it, 1..1000");
-  app.option_defaults()->group("Options");
+  app.group("Options");
   surfel::tool::add_memory(
       app, s.memory,
       "Memory for surfels and their levels; a binary PLY file in space-filling "

@@ -38,7 +38,7 @@ struct Settings {
   bool resume = false;                  ///< Keep what an interrupted run has made.
 };
 
-void declare_options(CLI::App& app, Settings& s) {
+void declare_options(surfel::tool::CommandLine& app, Settings& s) {
   app.add_option("surfels", s.input,
                  "Surfels with normals (PLY, PCD, LAS, LAZ; - = standard input), or trained splats "
                  "(PLY, .splat, .spz, .ksplat)")
@@ -48,7 +48,7 @@ void declare_options(CLI::App& app, Settings& s) {
                  ".splat or .usda")
       ->required();
 
-  app.option_defaults()->group("How few");
+  app.group("How few");
   app.add_option("--max-error", s.simplify.max_error,
                  "As few surfels as this error allows, measured at all surfels of the input: root "
                  "mean square over the surface, seen from near, of the errors of colour (linear "
@@ -57,10 +57,10 @@ void declare_options(CLI::App& app, Settings& s) {
   app.add_option("--count", s.simplify.count,
                  "Exactly this many surfels, with the least error; more where that many sheets or "
                  "materials have to be told apart; surfels mirrored beyond edges come on top")
-      ->check(CLI::Range(1.0, 4294967295.0).description(""));
+      ->range(1.0, 4294967295.0);
   app.add_option("--factor", s.factor,
                  "So many times fewer than there are, instead of --count; >= 1");
-  app.option_defaults()->group("What counts");
+  app.group("What counts");
   app.add_option("--unit-deviation", s.simplify.unit_deviation,
                  "Distance between the surfaces that counts as much as black against white, scene "
                  "units; default: 1/30 of the bounding box's diagonal");
@@ -74,7 +74,7 @@ void declare_options(CLI::App& app, Settings& s) {
   app.add_option("--cutoff", s.simplify.cutoff,
                  "The --cutoff that surfel-render is going to use, 0.1..16: the surface closes, "
                  "and colours fit, there");
-  app.option_defaults()->group("Options");
+  app.group("Options");
   app.add_option("--seed", s.simplify.seed, "Seed of the pattern");
   surfel::tool::add_memory(app, s.memory,
                            "Memory for surfels; a binary PLY file in space-filling order "

@@ -165,15 +165,15 @@ void normals(const Settings& s, const Array<Vec3f>& points) {
 
 int main(int argc, char** argv) {
   Settings s;
-  CLI::App app("Neighbours and normals of all points, beside FLANN, nanoflann and PCL");
+  tool::CommandLine app("Neighbours and normals of all points, beside FLANN, nanoflann and PCL");
   app.add_option("--count", s.counts, "Points; several = one after the other")
-      ->check(CLI::Range(1000, 100000000))
+      ->range(1000, 100000000)
       ->capture_default_str();
   tool::add_choice(app, "--order", s.random_order, {{"random", true}, {"morton", false}},
                    "Of the points");
-  app.add_option("--threads", s.threads, "Default: one per core")->check(CLI::Range(0, 1024));
+  app.add_option("--threads", s.threads, "Default: one per core")->range(0, 1024);
   app.add_option("--repeats", s.repeats, "Of which the best counts")
-      ->check(CLI::Range(1, 1000))
+      ->range(1, 1000)
       ->capture_default_str();
   tool::add_choice(app, "--work", s.work,
                    {{"all", Work::kAll},

@@ -282,19 +282,19 @@ void run(const Settings& s) {
 
 int main(int argc, char** argv) {
   Settings s;
-  CLI::App app(
+  tool::CommandLine app(
       "A frame, and what it is measured against: the one-pixel z-buffer loop, Embree's discs");
   app.add_option("cloud", s.cloud, "Surfels (PLY)")->required();
   tool::add_size(app, "--size", s.camera.width, s.camera.height, "Size of the picture, pixels");
-  app.add_option("--threads", s.threads, "Default: one per core")->check(CLI::Range(0, 1024));
+  app.add_option("--threads", s.threads, "Default: one per core")->range(0, 1024);
   app.add_option("--repeats", s.repeats, "Frames, of which the best counts")
-      ->check(CLI::Range(1, 10000))
+      ->range(1, 10000)
       ->capture_default_str();
   auto* turntable = app.add_option("--turntable", s.turntable, "Views around, as surfel-render's")
-                        ->check(CLI::Range(1, 100000));
+                        ->range(1, 100000);
   app.add_option("--view", s.view, "Which of them, from 0")
       ->needs(turntable)
-      ->check(CLI::Range(0, 99999));
+      ->range(0, 99999);
   app.add_option("--layers", s.render.layers, "Fragments per pixel")->capture_default_str();
   app.add_flag("--cull-back", s.render.cull_back, "Leave out surfels that face away");
   app.add_flag("!--unlit", s.render.lit, "No shading");

@@ -64,7 +64,7 @@ std::vector<std::string> options_without(GaussianProfile profile) {
 
 }  // namespace
 
-bool draws_gaussians(const CLI::App& app, Settings& s) {
+bool draws_gaussians(const tool::CommandLine& app, Settings& s) {
   const bool gaussians =
       s.mesh.empty() && std::any_of(s.inputs.begin(), s.inputs.end(),
                                     [](const std::string& file) { return holds_gaussians(file); });

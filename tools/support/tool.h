@@ -5,7 +5,6 @@
 #include <string>
 #include <vector>
 
-#include <CLI/CLI.hpp>
 #include <nlohmann/json_fwd.hpp>
 #include <surfel/base/timing.h>
 
@@ -65,7 +64,7 @@ class Tool {
   Tool(const Tool&) = delete;
   Tool& operator=(const Tool&) = delete;
 
-  CLI::App& app();
+  CommandLine& app();
   /// Names the options that set fields of the library's structs under another name than the
   /// field's: messages of the library are told with the options' names (with_option_names()).
   void name_fields(FieldNames names);
