@@ -3,7 +3,6 @@
 #include <filesystem>
 
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 #include <surfel/base/error.h>
 #include <surfel/base/progress.h>
 #include <surfel/base/shell_quote.h>
@@ -77,8 +76,8 @@ void declare_options(surfel::tool::CommandLine& app, Settings& s) {
   app.add_flag("--recommend", s.recommend,
                "Print the commands of the cheapest setting that meets a goal, run and found to "
                "meet it, instead of a report");
-  surfel::tool::Option* error = app.add_option("--max-error", s.goal.min_psnr,
-                                      "The goal: an error no larger than this PSNR stands for, dB");
+  surfel::tool::Option* error = app.add_option(
+      "--max-error", s.goal.min_psnr, "The goal: an error no larger than this PSNR stands for, dB");
   app.add_option("--max-time", s.goal.max_time,
                  "The goal: a picture in this time, without reading and writing, ms, > 0")
       ->excludes(error);
@@ -186,7 +185,7 @@ void make_report(Tool& tool, const Settings& s, const std::string& command) {
   const surfel::ChartReport report = work.run([&] { return surfel::ChartRunner(options).run(); });
   surfel::write_report(report, command, work.path(), s.output, tool.common().no_clobber);
   work.remove();
-  tool.report()["chart"] = nlohmann::json::parse(surfel::report_json(report));
+  tool.report()["chart"] = surfel::tool::Json::parse(surfel::report_json(report));
   for (const surfel::ChartSweep& sweep : report.sweeps) {
     if (sweep.standard_off) tool.note(sweep.name + ": " + sweep.verdict);
   }

@@ -11,7 +11,6 @@
 #include <utility>
 
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 #include <surfel/align/align_scans.h>
 #include <surfel/base/error.h>
 #include <surfel/base/memory.h>
@@ -275,7 +274,7 @@ void check(const surfel::tool::CommandLine& app, Settings& s) {
   surfel::tool::require_valid(problems);
 }
 
-nlohmann::json fit_json(const std::string& file, const surfel::ScanFit& fit) {
+surfel::tool::Json fit_json(const std::string& file, const surfel::ScanFit& fit) {
   const surfel::Quaternion& q = fit.pose.rotation;
   const surfel::Vec3d& t = fit.pose.translation;
   return {{"file", file},
@@ -290,7 +289,7 @@ nlohmann::json fit_json(const std::string& file, const surfel::ScanFit& fit) {
 /// Moves all scans but the first onto one another.
 void align(surfel::tool::Tool& tool, const Settings& s, std::vector<surfel::SurfelCloud>& clouds) {
   const surfel::AlignReport r = surfel::align_scans(clouds, s.alignment, s.inputs);
-  nlohmann::json& json = tool.report()["align"];
+  surfel::tool::Json& json = tool.report()["align"];
   json = {{"reach", r.reach},
           {"rms", r.rms},
           {"matches", r.matches},
@@ -337,7 +336,7 @@ void tell(surfel::tool::Tool& tool, const Settings& s, const surfel::JoinReport&
         "{}: has no viewpoints, as not all files tell where their scans were taken from",
         s.output));
   }
-  nlohmann::json& report = tool.report();
+  surfel::tool::Json& report = tool.report();
   for (const auto& [k, column] : r.filled) {
     report["filled"].push_back({{"file", s.inputs[k]}, {"column", column}});
   }
@@ -558,7 +557,7 @@ std::string append_to_store(surfel::tool::Tool& tool, const Settings& s) {
 
 /// All files in memory, moved onto one another where that is asked for, joined and changed.
 surfel::SurfelCloud joined_in_memory(surfel::tool::Tool& tool, const Settings& s) {
-  nlohmann::json& report = tool.report();
+  surfel::tool::Json& report = tool.report();
   const surfel::Timer timer;
   std::vector<surfel::SurfelCloud> clouds;
   for (const std::string& input : s.inputs) {

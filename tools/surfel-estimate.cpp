@@ -10,7 +10,6 @@
 #include <vector>
 
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 #include <surfel/base/error.h>
 #include <surfel/base/memory.h>
 #include <surfel/estimate/estimate.h>
@@ -230,7 +229,7 @@ void check(const surfel::tool::CommandLine& app, Settings& s) {
   surfel::tool::require_valid(problems);
 }
 
-void report(nlohmann::json& json, bool edges, const surfel::EstimateReport& r) {
+void report(surfel::tool::Json& json, bool edges, const surfel::EstimateReport& r) {
   json["points"] = r.points;
   json["nonfinite"] = r.nonfinite;
   json["without_normal"] = r.without_normal;

@@ -6,7 +6,6 @@
 #include <optional>
 
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 #include <surfel/base/shell_quote.h>
 #include <surfel/base/timing.h>
 #include <surfel/io/mesh_io.h>
@@ -95,8 +94,7 @@ void check(const tool::CommandLine& app, const Request& r) {
 }
 
 /// The mesh's spacing, adapted to its detail.
-SizingField adapt(const TriangleMesh& mesh, Request& r, nlohmann::json& json,
-                  const tool::Tool& tool) {
+SizingField adapt(const TriangleMesh& mesh, Request& r, tool::Json& json, const tool::Tool& tool) {
   const bool textured = !r.texture.image.empty() ||
                         (!mesh.wedge_uv.empty() &&
                          std::any_of(mesh.material.begin(), mesh.material.end(),
@@ -128,7 +126,7 @@ SizingField adapt(const TriangleMesh& mesh, Request& r, nlohmann::json& json,
   return field;
 }
 
-void fill_report(nlohmann::json& json, const SurfelCloud& cloud, const MeshSampleReport& report) {
+void fill_report(tool::Json& json, const SurfelCloud& cloud, const MeshSampleReport& report) {
   json["surfels"] = cloud.size();
   json["faces"] = report.faces;
   json["degenerate_faces"] = report.degenerate_faces;

@@ -4,7 +4,6 @@
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
-#include <nlohmann/json.hpp>
 #include <surfel/base/error.h>
 #include <surfel/io/gaussian_io.h>
 #include <surfel/io/transfer_file.h>
@@ -123,7 +122,7 @@ int main(int argc, char** argv) {
     surfel::write_gaussians(
         cloud, s.output,
         {.no_clobber = tool.common().no_clobber, .provenance = {tool.provenance()}});
-    nlohmann::json& report = tool.report();
+    surfel::tool::Json& report = tool.report();
     report["size"] = volume.size;
     report["voxels"] = done.voxels;
     report["empty"] = done.empty;

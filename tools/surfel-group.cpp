@@ -8,7 +8,6 @@
 #include <utility>
 
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 #include <surfel/base/error.h>
 #include <surfel/base/function_ref.h>
 #include <surfel/base/memory.h>
@@ -112,7 +111,8 @@ void declare_options(surfel::tool::CommandLine& app, Settings& s) {
 bool can_divide(const Settings& s) { return s.grouping.groups == 0 && !s.cover; }
 
 /// Adds a problem for each given option that has no effect beside the others.
-void check_effects(const surfel::tool::CommandLine& app, const Settings& s, std::vector<std::string>& problems) {
+void check_effects(const surfel::tool::CommandLine& app, const Settings& s,
+                   std::vector<std::string>& problems) {
   using surfel::CoverMethod;
   const auto needs = [&](const char* option, bool in_force, const char* other) {
     if (in_force || app.get_option(option)->count() == 0) return;
@@ -160,7 +160,7 @@ void check(const surfel::tool::CommandLine& app, Settings& s) {
   s.grouping.overlap.max_memory = static_cast<std::uint64_t>(s.max_memory_gb * 1e9);
 }
 
-void report(nlohmann::json& json, const surfel::GroupingReport& r) {
+void report(surfel::tool::Json& json, const surfel::GroupingReport& r) {
   json["splats"] = r.splats;
   json["unusable"] = r.unusable;
   json["groups"] = r.groups;
@@ -179,11 +179,11 @@ void report(nlohmann::json& json, const surfel::GroupingReport& r) {
                            {"moved_last", r.overlap->moved_last}};
 }
 
-nlohmann::json to_json(const surfel::Enlargement& e) {
+surfel::tool::Json to_json(const surfel::Enlargement& e) {
   return {{"factor", e.factor}, {"iterations", e.iterations}, {"converged", e.converged}};
 }
 
-void report(nlohmann::json& json, const surfel::CoverageReport& r) {
+void report(surfel::tool::Json& json, const surfel::CoverageReport& r) {
   json["area"] = r.area;
   json["area_from_column"] = r.area_from_column;
   json["covered_area"] = r.covered_area;
@@ -202,18 +202,18 @@ void report(nlohmann::json& json, const surfel::CoverageReport& r) {
   json["border_splats"] = r.border_splats;
   surfel::tool::add_stages(json, r.times);
   for (const surfel::GroupCoverage& g : r.groups) {
-    nlohmann::json group = {{"splats", g.splats},
-                            {"added", g.added},
-                            {"capped", g.capped},
-                            {"limited", g.limited},
-                            {"cell_area", g.cell_area},
-                            {"covered_area", g.covered_area},
-                            {"uncovered_area", g.uncovered_area},
-                            {"overlap_area", g.overlap_area},
-                            {"unreachable_area", g.unreachable_area},
-                            {"missed_share", g.missed_share},
-                            {"growth_mean", g.growth_mean},
-                            {"growth_max", g.growth_max}};
+    surfel::tool::Json group = {{"splats", g.splats},
+                                {"added", g.added},
+                                {"capped", g.capped},
+                                {"limited", g.limited},
+                                {"cell_area", g.cell_area},
+                                {"covered_area", g.covered_area},
+                                {"uncovered_area", g.uncovered_area},
+                                {"overlap_area", g.overlap_area},
+                                {"unreachable_area", g.unreachable_area},
+                                {"missed_share", g.missed_share},
+                                {"growth_mean", g.growth_mean},
+                                {"growth_max", g.growth_max}};
     if (g.enlargement) group["enlargement"] = to_json(*g.enlargement);
     if (g.fixed_point) group["fixed_point"] = to_json(*g.fixed_point);
     json["groups"].push_back(std::move(group));
@@ -222,7 +222,7 @@ void report(nlohmann::json& json, const surfel::CoverageReport& r) {
 
 /// Covers the surface as --cover says, and reports and tells the result.
 void cover(surfel::SurfelCloud& cloud, const Settings& s, const surfel::tool::Tool& tool,
-           nlohmann::json& json) {
+           surfel::tool::Json& json) {
   const surfel::CoverageReport r = surfel::cover_groups(cloud, s.coverage, s.input);
   report(json, r);
   const auto percent = [&](double area) { return 100 * area / r.area; };
@@ -258,7 +258,7 @@ void cover(surfel::SurfelCloud& cloud, const Settings& s, const surfel::tool::To
 /// Prints a row of SP06, table 1.
 /// \param group  divides the splats by some options
 void print_table(
-    std::size_t surfels, const Settings& s, nlohmann::json& json,
+    std::size_t surfels, const Settings& s, surfel::tool::Json& json,
     surfel::FunctionRef<surfel::GroupingReport(const surfel::GroupingOptions&)> group) {
   std::string head = "| surfels | points |";
   std::string row =
@@ -271,7 +271,7 @@ void print_table(
     head += fmt::format(" c = {:.1f} |", overlap);
     rule += "---|";
     row += fmt::format(" {} / {} / {:.1f} |", r.groups, r.max_degree, r.mean_degree);
-    nlohmann::json entry = {{"overlap", overlap}};
+    surfel::tool::Json entry = {{"overlap", overlap}};
     report(entry, r);
     json["table"].push_back(std::move(entry));
   }

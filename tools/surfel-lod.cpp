@@ -6,7 +6,6 @@
 #include <string>
 
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 #include <surfel/base/error.h>
 #include <surfel/base/memory.h>
 #include <surfel/io/cloud_io.h>
@@ -64,7 +63,7 @@ void declare_options(surfel::tool::CommandLine& app, Settings& s) {
   surfel::tool::add_resume(app, s.resume);
 }
 
-void report(nlohmann::json& json, const surfel::HierarchyReport& r) {
+void report(surfel::tool::Json& json, const surfel::HierarchyReport& r) {
   json["dropped"] = r.dropped.total();
   json["levels"] = r.levels;
   json["spacing"] = r.spacing;
@@ -72,7 +71,7 @@ void report(nlohmann::json& json, const surfel::HierarchyReport& r) {
   surfel::tool::add_stages(json, r.stages);
 }
 
-void report(nlohmann::json& json, const surfel::GaussianHierarchyReport& r) {
+void report(surfel::tool::Json& json, const surfel::GaussianHierarchyReport& r) {
   json["dropped"] = r.unseen;
   json["levels"] = r.levels;
   json["spacing"] = r.spacing;

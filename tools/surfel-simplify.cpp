@@ -9,7 +9,6 @@
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
-#include <nlohmann/json.hpp>
 #include <surfel/base/error.h>
 #include <surfel/base/memory.h>
 #include <surfel/base/progress.h>
@@ -82,7 +81,7 @@ void declare_options(surfel::tool::CommandLine& app, Settings& s) {
   surfel::tool::add_resume(app, s.resume);
 }
 
-void report(nlohmann::json& json, const surfel::SimplifyReport& r) {
+void report(surfel::tool::Json& json, const surfel::SimplifyReport& r) {
   json["dropped"] = r.dropped.total();
   json["surfels"] = r.surfels;
   json["result"] = r.result;
@@ -157,7 +156,7 @@ void simplify_gaussians(surfel::tool::Tool& tool, Settings& s) {
     before = cloud.size();
     result = surfel::simplify_gaussians(cloud, {.count = count_of(s, before)}, s.input, &done);
   }
-  nlohmann::json& json = tool.report();
+  surfel::tool::Json& json = tool.report();
   json["before"] = before;
   json["unseen"] = done.unseen;
   json["merged"] = done.merged;

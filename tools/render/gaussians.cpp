@@ -5,7 +5,6 @@
 #include <vector>
 
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 #include <surfel/base/error.h>
 #include <surfel/base/memory.h>
 #include <surfel/base/timing.h>

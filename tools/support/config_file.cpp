@@ -5,7 +5,6 @@
 #include <sstream>
 
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 #include <toml++/toml.h>
 
 #include "tools/support/options.h"
@@ -42,7 +41,7 @@ std::optional<std::vector<std::string>> as_arguments(const toml::node& node, boo
 }
 
 /// As a number where the option takes numbers and the text is one.
-nlohmann::json typed(const Option& option, const std::string& text) {
+Json typed(const Option& option, const std::string& text) {
   const std::string type = option.type_name();
   const char* end = text.data() + text.size();
   if (type.starts_with("INT") || type.starts_with("UINT")) {
@@ -60,9 +59,9 @@ nlohmann::json typed(const Option& option, const std::string& text) {
 }
 
 /// As a number, a text, or an array of them where the option takes many.
-nlohmann::json typed(const Option& option, const std::vector<std::string>& values) {
+Json typed(const Option& option, const std::vector<std::string>& values) {
   if (!option.takes_many()) return typed(option, values.empty() ? "" : values.front());
-  nlohmann::json array = nlohmann::json::array();
+  Json array = Json::array();
   for (const std::string& value : values) array.push_back(typed(option, value));
   return array;
 }
@@ -82,7 +81,7 @@ std::string plain_name(const Option& option) {
   return names.empty() ? option.name() : names.front();
 }
 
-nlohmann::json value_in_force(const Option& option) {
+Json value_in_force(const Option& option) {
   if (option.is_flag()) return option.is_set();
   const bool given = option.count() > 0;
   if (!given && option.default_str().empty()) return nullptr;
@@ -132,7 +131,7 @@ std::string config_text(const CommandLine& app) {
   std::string text;
   for (const Option* option : app.options()) {
     if (!option->configurable() || option->long_names().empty()) continue;
-    const nlohmann::json value = value_in_force(*option);
+    const Json value = value_in_force(*option);
     // note: JSON's strings, numbers, truth values and arrays of these are valid TOML.
     if (!value.is_null()) text += plain_name(*option) + " = " + value.dump() + "\n";
   }

@@ -3,9 +3,8 @@
 #include <iosfwd>
 #include <string>
 
-#include <nlohmann/json_fwd.hpp>
-
 #include "tools/support/command_line.h"
+#include "tools/support/json.h"
 
 namespace surfel::tool {
 
@@ -19,7 +18,7 @@ std::string config_text(const CommandLine& app);
 
 /// Value in force of an option, given or default: truth value, number, text or array of these; null
 /// where it is not set and has no default.
-nlohmann::json value_in_force(const Option& option);
+Json value_in_force(const Option& option);
 
 /// Name of an option without dashes, as it stands in configuration files and reports.
 std::string plain_name(const Option& option);

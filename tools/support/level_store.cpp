@@ -10,7 +10,7 @@ namespace surfel::tool {
 bool names_store(const std::string& path) { return path.ends_with('/') || is_level_store(path); }
 
 std::string tell_store(Tool& tool, const std::string& path, const LevelStoreReport& written) {
-  nlohmann::json& json = tool.report();
+  Json& json = tool.report();
   json["dropped"] = written.dropped.total();
   json["added"] = written.added;
   json["levels"] = written.levels;

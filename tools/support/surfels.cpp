@@ -7,7 +7,6 @@
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
-#include <nlohmann/json.hpp>
 #include <surfel/base/bounds.h>
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>

@@ -11,7 +11,6 @@
 #include <system_error>
 
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 #include <surfel/base/error.h>
 #include <surfel/base/instructions.h>
 #include <surfel/base/memory.h>
@@ -121,7 +120,7 @@ struct Tool::Impl {
   std::optional<Shell> completion;
   std::uint64_t most_pixels = most_image_pixels();
   bool follows = false;  ///< See follow().
-  nlohmann::json report = nlohmann::json::object();
+  Json report = Json::object();
   Timer total;
 
   ProgressDisplay display;
@@ -353,10 +352,10 @@ void Tool::Impl::error(const std::string& text) {
 void Tool::Impl::write_report(OutputFile& file, const Outcome& outcome) {
   static const std::vector<std::string> kPrinting = {"help",         "help-all", "version",
                                                      "print-config", "manual",   "completion"};
-  nlohmann::json options = nlohmann::json::object();
+  Json options = Json::object();
   for (const Option* option : app.options()) {
     if (std::count(kPrinting.begin(), kPrinting.end(), plain_name(*option)) > 0) continue;
-    nlohmann::json value = value_in_force(*option);
+    Json value = value_in_force(*option);
     if (!value.is_null()) options[plain_name(*option)] = std::move(value);
   }
   report["tool"] = name;
@@ -367,8 +366,7 @@ void Tool::Impl::write_report(OutputFile& file, const Outcome& outcome) {
   report["total_ms"] = total.milliseconds();
   report["peak_memory_bytes"] = peak_memory_bytes();
   if (outcome.code != kDone) report["error"] = outcome.message;
-  // A file name may hold bytes that are not UTF-8; the report must still be JSON.
-  file.write(report.dump(2, ' ', false, nlohmann::json::error_handler_t::replace) + "\n");
+  file.write(report.dump(2) + "\n");
   file.commit();
 }
 
@@ -399,7 +397,7 @@ void Tool::reads_images() {
 }
 
 const CommonOptions& Tool::common() const { return impl_->common; }
-nlohmann::json& Tool::report() { return impl_->report; }
+Json& Tool::report() { return impl_->report; }
 
 void Tool::note(const std::string& message) const {
   if (!impl_->common.quiet) impl_->message(message);
@@ -521,7 +519,7 @@ void append(std::vector<std::string>& problems, const std::vector<std::string>& 
   problems.insert(problems.end(), more.begin(), more.end());
 }
 
-void add_stages(nlohmann::json& report, const StageTimes& times) {
+void add_stages(Json& report, const StageTimes& times) {
   for (const auto& [stage, ms] : times.stages()) report["stages"][stage] = ms;
 }
 

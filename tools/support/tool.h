@@ -5,10 +5,10 @@
 #include <string>
 #include <vector>
 
-#include <nlohmann/json_fwd.hpp>
 #include <surfel/base/timing.h>
 
 #include "tools/support/files.h"
+#include "tools/support/json.h"
 #include "tools/support/options.h"
 
 namespace surfel::tool {
@@ -85,7 +85,7 @@ class Tool {
   /// The report that --stats writes; a tool adds what it measured. `tool`, `version`, `options`,
   /// `threads`, `total_ms` and `peak_memory_bytes` are filled in by run(). A run that fails after
   /// its options were understood writes the report, too, with its message as `error`.
-  nlohmann::json& report();
+  Json& report();
 
   /// Message on standard error after the tool's name: note() unless --quiet, detail() with
   /// --verbose only.
@@ -124,6 +124,6 @@ void require_valid(const std::vector<std::string>& problems);
 void append(std::vector<std::string>& problems, const std::vector<std::string>& more);
 
 /// Adds the times of a run's stages to a report, as its "stages".
-void add_stages(nlohmann::json& report, const StageTimes& times);
+void add_stages(Json& report, const StageTimes& times);
 
 }  // namespace surfel::tool
