@@ -190,6 +190,21 @@ Option* CommandLine::add_option(const std::string& names, std::vector<std::strin
   return impl_->handle(impl_->app.add_option(names, value, description));
 }
 
+Option* CommandLine::add_option(const std::string& names, std::vector<double>& value,
+                                const std::string& description) {
+  return impl_->handle(impl_->app.add_option(names, value, description));
+}
+
+Option* CommandLine::add_option(const std::string& names, std::optional<int>& value,
+                                const std::string& description) {
+  return impl_->handle(impl_->app.add_option(names, value, description));
+}
+
+Option* CommandLine::add_option(const std::string& names, std::optional<std::uint64_t>& value,
+                                const std::string& description) {
+  return impl_->handle(impl_->app.add_option(names, value, description));
+}
+
 Option* CommandLine::add_option(const std::string& names, std::optional<double>& value,
                                 const std::string& description) {
   return impl_->handle(impl_->app.add_option(names, value, description));

@@ -109,6 +109,12 @@ class CommandLine {
   Option* add_option(const std::string& names, double& value, const std::string& description = {});
   Option* add_option(const std::string& names, std::vector<std::string>& value,
                      const std::string& description = {});
+  Option* add_option(const std::string& names, std::vector<double>& value,
+                     const std::string& description = {});
+  Option* add_option(const std::string& names, std::optional<int>& value,
+                     const std::string& description = {});
+  Option* add_option(const std::string& names, std::optional<std::uint64_t>& value,
+                     const std::string& description = {});
   Option* add_option(const std::string& names, std::optional<double>& value,
                      const std::string& description = {});
   /// An option whose values are handed to `assign`.
