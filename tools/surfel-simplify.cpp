@@ -318,7 +318,7 @@ int main(int argc, char** argv) {
   tool.files().writes("--output", surfel::tool::Writes::kAny);
   return tool.run(argc, argv, [&] {
     if (s.factor) {
-      // Not a range of CLI11's, in which what is no number would be.
+      // Not a range() of the option, in which what is no number would be.
       if (!(*s.factor >= 1 && std::isfinite(*s.factor))) {
         surfel::throw_usage(fmt::format("--factor is {:g}; it must be a number >= 1", *s.factor));
       }

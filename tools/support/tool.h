@@ -55,8 +55,8 @@ struct CommonOptions {
 ///       });
 ///     }
 ///
-/// Vectors, sizes and choices have helpers in options.h. Numbers keep the type name that CLI11
-/// gives them (INT, FLOAT): by it --print-config and the report know them from text.
+/// Vectors, sizes and choices have helpers in options.h. Numbers keep the type name that
+/// add_option() gives them (INT, FLOAT): by it --print-config and the report know them from text.
 class Tool {
  public:
   Tool(std::string name, const std::string& summary);
