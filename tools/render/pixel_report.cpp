@@ -167,9 +167,8 @@ class LegendValues {
                          legend_.title, text(value));
     }
     std::map<std::string, double> categories;
-    for (std::size_t i = 0; i < value.items().size(); ++i) {
-      categories[value.keys()[i]] = value.items()[i].number();
-    }
+    auto name_of = value.keys().begin();
+    for (const tool::Json& share : value.items()) categories[*name_of++] = share.number();
     std::string out;
     for (const auto& [name, share] : categories) {
       out += fmt::format("{}{} ({} of the pixel)", out.empty() ? "" : ", ", name, figures(share));

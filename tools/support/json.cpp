@@ -1,6 +1,8 @@
 #include "tools/support/json.h"
 
 #include <algorithm>
+#include <iterator>
+#include <utility>
 
 #include <nlohmann/json.hpp>
 
@@ -28,11 +30,12 @@ struct Json::Library {
         break;
     }
     Tree tree = json.kind_ == Kind::kArray ? Tree::array() : Tree::object();
-    for (std::size_t i = 0; i < json.items_.size(); ++i) {
+    auto key = json.keys_.begin();
+    for (const Json& item : json.items_) {
       if (json.kind_ == Kind::kArray) {
-        tree.push_back(to<Tree>(json.items_[i]));
+        tree.push_back(to<Tree>(item));
       } else {
-        tree[json.keys_[i]] = to<Tree>(json.items_[i]);
+        tree[*key++] = to<Tree>(item);
       }
     }
     return tree;
@@ -69,12 +72,12 @@ Json::Json(std::string text) : kind_(Kind::kText), text_(std::move(text)) {}
 Json::Json(std::initializer_list<Json> items) {
   const bool pairs = std::all_of(items.begin(), items.end(), [](const Json& item) {
     return item.kind_ == Kind::kArray && item.items_.size() == 2 &&
-           item.items_[0].kind_ == Kind::kText;
+           item.items_.front().kind_ == Kind::kText;
   });
   kind_ = pairs ? Kind::kObject : Kind::kArray;
   for (const Json& item : items) {
     if (pairs) {
-      (*this)[item.items_[0].text_] = item.items_[1];
+      (*this)[item.items_.front().text_] = item.items_.back();
     } else {
       items_.push_back(item);
     }
@@ -91,7 +94,7 @@ Json Json::parse(const std::string& text) {
 Json& Json::operator[](std::string_view key) {
   kind_ = Kind::kObject;
   const auto found = std::find(keys_.begin(), keys_.end(), key);
-  if (found != keys_.end()) return items_[static_cast<std::size_t>(found - keys_.begin())];
+  if (found != keys_.end()) return *std::next(items_.begin(), found - keys_.begin());
   keys_.emplace_back(key);
   return items_.emplace_back();
 }

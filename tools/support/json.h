@@ -4,6 +4,7 @@
 #include <concepts>
 #include <cstdint>
 #include <initializer_list>
+#include <list>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -59,7 +60,7 @@ class Json {
   /// The names of an object's members, in the order in which they were added, and its values or an
   /// array's.
   const std::vector<std::string>& keys() const { return keys_; }
-  const std::vector<Json>& items() const { return items_; }
+  const std::list<Json>& items() const { return items_; }
   bool operator==(const Json& other) const;
 
   enum class Members { kSorted, kAsAdded };
@@ -86,7 +87,7 @@ class Json {
   double number_ = 0;
   std::string text_;
   std::vector<std::string> keys_;
-  std::vector<Json> items_;
+  std::list<Json> items_;  ///< References to members stay valid where others are added.
 };
 
 }  // namespace surfel::tool
