@@ -2,8 +2,10 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <map>
 #include <numeric>
+#include <optional>
 
 #include <fmt/format.h>
 #include <surfel/base/color.h>
@@ -167,8 +169,8 @@ class LegendValues {
                          legend_.title, text(value));
     }
     std::map<std::string, double> categories;
-    auto name_of = value.keys().begin();
-    for (const tool::Json& share : value.items()) categories[*name_of++] = share.number();
+    auto key = value.keys().begin();
+    for (const tool::Json& share : value.items()) categories[*key++] = share.number();
     std::string out;
     for (const auto& [name, share] : categories) {
       out += fmt::format("{}{} ({} of the pixel)", out.empty() ? "" : ", ", name, figures(share));

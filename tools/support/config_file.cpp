@@ -1,6 +1,7 @@
 #include "tools/support/config_file.h"
 
 #include <charconv>
+#include <cmath>
 #include <optional>
 #include <sstream>
 
