@@ -3,7 +3,6 @@
 #include <filesystem>
 
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 #include <surfel/base/error.h>
 #include <surfel/base/progress.h>
 #include <surfel/base/shell_quote.h>
@@ -31,7 +30,7 @@ struct Settings {
   surfel::ChartOptions chart;
 };
 
-void declare_options(CLI::App& app, Settings& s) {
+void declare_options(surfel::tool::CommandLine& app, Settings& s) {
   using namespace surfel::tool;
   surfel::ChartOptions& c = s.chart;
   app.add_option("input", c.input,
@@ -49,7 +48,7 @@ void declare_options(CLI::App& app, Settings& s) {
                "Few points, pictures of 256x256, 3 repeats, 4 frames, 4 rays, 20000 samples, "
                "unless given");
 
-  app.option_defaults()->group("Input");
+  app.group("Input");
   app.add_option("--image", c.image, "Texture of the mesh; default: its materials' own");
   app.add_option("--mesh", c.mesh, "Of surfels: the mesh that they stand for, for --truth mesh");
   app.add_option("--count", c.count, "Samples of a mesh");
@@ -58,9 +57,9 @@ void declare_options(CLI::App& app, Settings& s) {
                  "Options of a tool for all points, such as \"surfel-estimate --orient align\"; "
                  "may be given again for another tool")
       ->expected(1)
-      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
+      ->take_all();
 
-  app.option_defaults()->group("Truth and measures");
+  app.group("Truth and measures");
   app.add_option("--truth", c.truth,
                  "reference (the surfels, ray cast), mesh (ray traced), or a picture of the "
                  "camera's view; default: the mesh where there is one, else the reference");
@@ -69,24 +68,24 @@ void declare_options(CLI::App& app, Settings& s) {
   app.add_option("--frames", c.frames,
                  "Frames of a turn by 0.25 degrees each, for flicker, 2..1000; 0 = none");
 
-  app.option_defaults()->group("Camera");
+  app.group("Camera");
   c.camera.width = c.camera.height = 400;
   add_view(app, c.camera, c.view);
 
-  app.option_defaults()->group("Recommendation");
+  app.group("Recommendation");
   app.add_flag("--recommend", s.recommend,
                "Print the commands of the cheapest setting that meets a goal, run and found to "
                "meet it, instead of a report");
-  CLI::Option* error = app.add_option("--max-error", s.goal.min_psnr,
-                                      "The goal: an error no larger than this PSNR stands for, dB");
+  surfel::tool::Option* error = app.add_option(
+      "--max-error", s.goal.min_psnr, "The goal: an error no larger than this PSNR stands for, dB");
   app.add_option("--max-time", s.goal.max_time,
                  "The goal: a picture in this time, without reading and writing, ms, > 0")
       ->excludes(error);
-  app.option_defaults()->group("Options");
+  app.group("Options");
 }
 
 /// Changes options for --quick, unless they are given.
-void make_quick(const CLI::App& app, surfel::ChartOptions& c) {
+void make_quick(const surfel::tool::CommandLine& app, surfel::ChartOptions& c) {
   const auto unless_given = [&](const char* option, auto& value, auto quick) {
     if (app.get_option(option)->count() == 0) value = quick;
   };
@@ -186,7 +185,7 @@ void make_report(Tool& tool, const Settings& s, const std::string& command) {
   const surfel::ChartReport report = work.run([&] { return surfel::ChartRunner(options).run(); });
   surfel::write_report(report, command, work.path(), s.output, tool.common().no_clobber);
   work.remove();
-  tool.report()["chart"] = nlohmann::json::parse(surfel::report_json(report));
+  tool.report()["chart"] = surfel::tool::Json::parse(surfel::report_json(report));
   for (const surfel::ChartSweep& sweep : report.sweeps) {
     if (sweep.standard_off) tool.note(sweep.name + ": " + sweep.verdict);
   }
@@ -230,7 +229,7 @@ int main(int argc, char** argv) {
   return tool.run(argc, argv, [&] {
     check(s);
     if (s.chart.quick) make_quick(tool.app(), s.chart);
-    if (!s.sweeps.empty()) s.chart.sweeps = CLI::detail::split(s.sweeps, ',');
+    if (!s.sweeps.empty()) s.chart.sweeps = surfel::tool::split(s.sweeps, ',');
     s.chart.tools = fs::read_symlink("/proc/self/exe").parent_path().string();
     // What is measured changes its name with every point.
     std::optional<surfel::ProgressStage> stage;

@@ -4,7 +4,6 @@
 #include <optional>
 
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 #include <surfel/base/error.h>
 #include <surfel/base/output_file.h>
 #include <surfel/base/shell_quote.h>
@@ -22,8 +21,8 @@ namespace {
 
 using surfel::Image;
 using surfel::ImageError;
+using surfel::tool::Json;
 using surfel::tool::Tool;
-using Json = nlohmann::ordered_json;
 
 /// Limits that the measures must keep; unset: none.
 struct Limits {
@@ -43,7 +42,7 @@ struct Settings {
   bool json = false;
 };
 
-void declare(CLI::App& app, Settings& s) {
+void declare(surfel::tool::CommandLine& app, Settings& s) {
   using surfel::ImageEncoding;
   namespace tool = surfel::tool;
   app.add_option("tested", s.tested, "Picture to judge (- = standard input)")->required();
@@ -130,9 +129,9 @@ std::vector<Measure> measures(const ImageError& e, double threshold) {
 }
 
 std::string text_of(const Json& value) {
-  return value.is_string()         ? value.get<std::string>()
-         : value.is_number_float() ? fmt::format("{:.5g}", value.get<double>())
-                                   : value.dump();
+  return value.is_text()       ? value.text()
+         : value.is_fraction() ? fmt::format("{:.5g}", value.number())
+                               : value.dump();
 }
 
 std::string table(const std::vector<Measure>& measures) {
@@ -231,7 +230,7 @@ int main(int argc, char** argv) {
     Json json;
     for (const Measure& measure : found) json[measure.key] = measure.value;
     tool.report()["compare"] = json;
-    surfel::tool::print(s.json ? json.dump(2) + "\n" : table(found));
+    surfel::tool::print(s.json ? json.dump(2, Json::Members::kAsAdded) + "\n" : table(found));
     if (!missed.empty()) {
       surfel::throw_input(surfel::tool::shown_name(s.tested),
                           fmt::format("{}", fmt::join(missed, "; ")));

@@ -9,7 +9,6 @@
 #include <utility>
 
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 #include <surfel/align/align_scans.h>
 #include <surfel/base/error.h>
 #include <surfel/base/memory.h>
@@ -56,7 +55,7 @@ struct Settings {
   std::optional<std::uint64_t> memory;
 };
 
-void declare_options(CLI::App& app, Settings& s) {
+void declare_options(surfel::tool::CommandLine& app, Settings& s) {
   using namespace surfel::tool;
   app.add_option("surfels", s.inputs,
                  "Surfels or points (PLY, PCD, LAS, LAZ, E57, PTX, text), one file or several (- = "
@@ -75,7 +74,7 @@ void declare_options(CLI::App& app, Settings& s) {
                  "Columns of the result beside the positions, parted by commas: names of the file "
                  "format such as intensity, or normal, color, size; default: all");
 
-  app.option_defaults()->group("Order");
+  app.group("Order");
   add_choice(
       app, "--sort", s.sorted, {{"none", false}, {"curve", true}},
       "Order of the surfels: that of the files, one after the other, or along a curve that "
@@ -87,7 +86,7 @@ void declare_options(CLI::App& app, Settings& s) {
   surfel::tool::add_resume(app, s.resume);
 
   add_part(app, s.part);
-  app.option_defaults()->group("Scans of one surface, before they are joined");
+  app.group("Scans of one surface, before they are joined");
   app.add_flag(
       "--align", s.align,
       "Move every file but the first so that overlapping surfaces lie on one another (ICP, "
@@ -97,14 +96,14 @@ void declare_options(CLI::App& app, Settings& s) {
       "How far points may be from their places at first, scene units; 0 = a twentieth of "
       "the largest file's diameter");
 
-  app.option_defaults()->group("Materials");
+  app.group("Materials");
   app.add_option("--material", s.material,
                  "Row of the material table, 0..65535: N for all surfels, or N,N,... for those of "
                  "each file, keep = as they are; default: keep");
   app.add_flag("--separate-materials", s.join.separate_materials,
                "Put the rows of each file after those of the files before it");
 
-  app.option_defaults()->group("Place of the result, in this order, about the world's origin");
+  app.group("Place of the result, in this order, about the world's origin");
   app.add_option("--scale", s.scale, "Factor of lengths, 1e-9..1e9");
   add_vector(app, "--rotate", s.rotation, "Axis and angle in degrees, right-handed: X,Y,Z,DEGREES");
   add_vector(app, "--translate", s.translation, "Offset, scene units (of the result): X,Y,Z");
@@ -115,7 +114,7 @@ void declare_options(CLI::App& app, Settings& s) {
       "--epsg", s.epsg,
       "Code of the coordinate system that the result is in, 1024..32766; default: as the "
       "files say, where nothing is moved");
-  app.option_defaults()->group("Options");
+  app.group("Options");
 }
 
 /// Rows for so many files from "3", "3,4" or "keep,3".
@@ -190,7 +189,7 @@ bool writes_gaussians(const Settings& s) {
   return s.as_gaussians || surfel::tool::names_gaussians(s.output);
 }
 
-void check(const CLI::App& app, Settings& s) {
+void check(const surfel::tool::CommandLine& app, Settings& s) {
   if (!s.material.empty()) s.join.material = parse_materials(s.material, s.inputs.size());
   std::vector<std::string> problems = s.join.problems(s.inputs.size());
   surfel::tool::append(problems, similarity(s).problems());
@@ -242,7 +241,7 @@ void check(const CLI::App& app, Settings& s) {
   surfel::tool::require_valid(problems);
 }
 
-nlohmann::json fit_json(const std::string& file, const surfel::ScanFit& fit) {
+surfel::tool::Json fit_json(const std::string& file, const surfel::ScanFit& fit) {
   const surfel::Quaternion& q = fit.pose.rotation;
   const surfel::Vec3d& t = fit.pose.translation;
   return {{"file", file},
@@ -257,7 +256,7 @@ nlohmann::json fit_json(const std::string& file, const surfel::ScanFit& fit) {
 /// Moves all scans but the first onto one another.
 void align(surfel::tool::Tool& tool, const Settings& s, std::vector<surfel::SurfelCloud>& clouds) {
   const surfel::AlignReport r = surfel::align_scans(clouds, s.alignment, s.inputs);
-  nlohmann::json& json = tool.report()["align"];
+  surfel::tool::Json& json = tool.report()["align"];
   json = {{"reach", r.reach},
           {"rms", r.rms},
           {"matches", r.matches},
@@ -304,7 +303,7 @@ void tell(surfel::tool::Tool& tool, const Settings& s, const surfel::JoinReport&
         "{}: has no viewpoints, as not all files tell where their scans were taken from",
         s.output));
   }
-  nlohmann::json& report = tool.report();
+  surfel::tool::Json& report = tool.report();
   for (const auto& [k, column] : r.filled) {
     report["filled"].push_back({{"file", s.inputs[k]}, {"column", column}});
   }
@@ -463,7 +462,7 @@ std::string convert_pieces(surfel::tool::Tool& tool, const Settings& s) {
 
 /// All files in memory, moved onto one another where that is asked for, joined and changed.
 surfel::SurfelCloud joined_in_memory(surfel::tool::Tool& tool, const Settings& s) {
-  nlohmann::json& report = tool.report();
+  surfel::tool::Json& report = tool.report();
   const surfel::Timer timer;
   std::vector<surfel::SurfelCloud> clouds;
   for (const std::string& input : s.inputs) {

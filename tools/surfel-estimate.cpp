@@ -10,7 +10,6 @@
 #include <vector>
 
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 #include <surfel/base/error.h>
 #include <surfel/base/memory.h>
 #include <surfel/estimate/estimate.h>
@@ -68,7 +67,7 @@ const std::string& name_of(surfel::Orientation method) {
       ->first;
 }
 
-void declare_options(CLI::App& app, Settings& s) {
+void declare_options(surfel::tool::CommandLine& app, Settings& s) {
   using namespace surfel;
   using tool::add_choice;
   app.add_option("cloud", s.input,
@@ -77,7 +76,7 @@ void declare_options(CLI::App& app, Settings& s) {
   app.add_option("-o,--output", s.output, "Surfels to write (- = standard output)")->required();
 
   tool::add_part(app, s.part);
-  app.option_defaults()->group("Neighbourhoods");
+  app.group("Neighbourhoods");
   app.add_option("-k", s.k,
                  "Points of a neighbourhood, the point itself included, 3..65535; auto = from "
                  "--k-min to --k-max, as noise, curvature and density ask for it");
@@ -101,7 +100,7 @@ void declare_options(CLI::App& app, Settings& s) {
   app.add_option("--outlier-deviations", s.outliers.deviations,
                  "Standard deviations above the mean of all from which on a point is one");
 
-  app.option_defaults()->group("Points, before the normals, in this order");
+  app.group("Points, before the normals, in this order");
   tool::add_text(
       app, "--voxel", "SIZE", "",
       "Average the points in each cubic cell of this edge, scene units; auto = twice the "
@@ -116,7 +115,7 @@ void declare_options(CLI::App& app, Settings& s) {
   add_choice(app, "--smooth-normals", s.smoothing.normals, {{"fit", true}, {"points", false}},
              "Normals of the polynomials, or of the moved points' neighbours as -k says");
 
-  app.option_defaults()->group("Orientation");
+  app.group("Orientation");
   add_choice(app, "--orient", s.estimate.orientation.method, orientations(),
              "Side of the normals: towards the viewpoint where the file says it, else winding "
              "(auto); out of what surfaces enclose, by the winding number (winding); consistent "
@@ -131,7 +130,7 @@ void declare_options(CLI::App& app, Settings& s) {
         s.estimate.orientation.up = tool::parse_direction("--up", text);
       });
 
-  app.option_defaults()->group("Splats");
+  app.group("Splats");
   add_choice(
       app, "--variance", s.estimate.size.rule,
       {{"cover", VarianceRule::kCover}, {"max-distance", VarianceRule::kMaxDistance}},
@@ -151,7 +150,7 @@ void declare_options(CLI::App& app, Settings& s) {
                "face's normals, where these are certain");
   app.add_option("--crease-angle", s.creases.crease_angle,
                  "Least angle between faces beside a crease, 10..90 degrees; with --clip");
-  app.option_defaults()->group("Options");
+  app.group("Options");
   tool::add_memory(app, s.memory,
                    "Memory for the points and all that is made of them; a binary PLY file in "
                    "space-filling order (surfel-convert --sort curve) may be larger: its surfels "
@@ -181,7 +180,7 @@ bool parse(const std::string& text, T& value) {
   return error == std::errc() && rest == end;
 }
 
-void check_filters(const CLI::App& app, Settings& s) {
+void check_filters(const surfel::tool::CommandLine& app, Settings& s) {
   if (s.remove_outliers) s.estimate.outliers = s.outliers;
   if (s.smooth) {
     s.estimate.smoothing = s.smoothing;
@@ -198,7 +197,7 @@ void check_filters(const CLI::App& app, Settings& s) {
 }
 
 /// Refuses options that these settings do not heed.
-void check_effect(const CLI::App& app, const Settings& s) {
+void check_effect(const surfel::tool::CommandLine& app, const Settings& s) {
   std::vector<std::string> problems;
   const auto refuse = [&](bool unheeded, const std::vector<std::string>& options,
                           const std::string& where) {
@@ -216,7 +215,7 @@ void check_effect(const CLI::App& app, const Settings& s) {
   surfel::tool::require_valid(problems);
 }
 
-void check(const CLI::App& app, Settings& s) {
+void check(const surfel::tool::CommandLine& app, Settings& s) {
   if (s.k == "auto") {
     s.estimate.normals.adaptive = true;
   } else if (!parse(surfel::tool::whole_number(s.k).value_or(s.k), s.estimate.normals.k)) {
@@ -230,7 +229,7 @@ void check(const CLI::App& app, Settings& s) {
   surfel::tool::require_valid(problems);
 }
 
-void report(nlohmann::json& json, bool edges, const surfel::EstimateReport& r) {
+void report(surfel::tool::Json& json, bool edges, const surfel::EstimateReport& r) {
   json["points"] = r.points;
   json["nonfinite"] = r.nonfinite;
   json["without_normal"] = r.without_normal;

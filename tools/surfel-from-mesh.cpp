@@ -6,7 +6,6 @@
 #include <optional>
 
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 #include <surfel/base/shell_quote.h>
 #include <surfel/base/timing.h>
 #include <surfel/io/mesh_io.h>
@@ -34,7 +33,7 @@ struct Request {
 };
 
 void declare(tool::Tool& tool, Request& r) {
-  CLI::App& app = tool.app();
+  tool::CommandLine& app = tool.app();
   app.add_option("mesh", r.mesh, "Triangles (OBJ, PLY, STL, OFF, glTF)")->required();
   app.add_option("-o,--output", r.output,
                  "Surfels to write (PLY, PCD, LAS, LAZ; - = standard output)")
@@ -57,7 +56,7 @@ void declare(tool::Tool& tool, Request& r) {
                "Surfels end at the mesh's borders and at creases of more than --crease-angle, with "
                "mirrored surfels beyond, on top of --count; for meshes with sharp edges");
 
-  app.option_defaults()->group("Adaptive spacing");
+  app.group("Adaptive spacing");
   app.add_flag("--adaptive", r.adaptive,
                "Small surfels where texture or shape have detail, large ones elsewhere; with "
                "--max-error or --count");
@@ -76,10 +75,10 @@ void declare(tool::Tool& tool, Request& r) {
       {{"repeat", WrapMode::kRepeat}, {"mirror", WrapMode::kMirror}, {"clamp", WrapMode::kClamp}},
       "Of --adaptive: what lies beyond the image's borders; default: as the mesh's materials say, "
       "else repeat");
-  app.option_defaults()->group("Options");
+  app.group("Options");
 }
 
-void check(const CLI::App& app, const Request& r) {
+void check(const tool::CommandLine& app, const Request& r) {
   std::vector<std::string> problems;
   if (r.adaptive) {
     problems = r.adapt.problems();
@@ -95,8 +94,7 @@ void check(const CLI::App& app, const Request& r) {
 }
 
 /// The mesh's spacing, adapted to its detail.
-SizingField adapt(const TriangleMesh& mesh, Request& r, nlohmann::json& json,
-                  const tool::Tool& tool) {
+SizingField adapt(const TriangleMesh& mesh, Request& r, tool::Json& json, const tool::Tool& tool) {
   const bool textured = !r.texture.image.empty() ||
                         (!mesh.wedge_uv.empty() &&
                          std::any_of(mesh.material.begin(), mesh.material.end(),
@@ -128,7 +126,7 @@ SizingField adapt(const TriangleMesh& mesh, Request& r, nlohmann::json& json,
   return field;
 }
 
-void fill_report(nlohmann::json& json, const SurfelCloud& cloud, const MeshSampleReport& report) {
+void fill_report(tool::Json& json, const SurfelCloud& cloud, const MeshSampleReport& report) {
   json["surfels"] = cloud.size();
   json["faces"] = report.faces;
   json["degenerate_faces"] = report.degenerate_faces;

@@ -4,7 +4,6 @@
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
-#include <nlohmann/json.hpp>
 #include <surfel/base/error.h>
 #include <surfel/io/gaussian_io.h>
 #include <surfel/io/transfer_file.h>
@@ -26,14 +25,14 @@ struct Settings {
   surfel::GaussiansOfVolumeOptions gaussians;
 };
 
-void declare_options(CLI::App& app, Settings& s) {
+void declare_options(surfel::tool::CommandLine& app, Settings& s) {
   app.add_option("volume", s.inputs,
                  "Volume (NRRD, NHDR, MHA, MHD), or the images of a stack, one for each z, in the "
                  "order of their names")
       ->required();
   app.add_option("-o,--output", s.output, "Gaussians to write (PLY; - = standard output)")
       ->required();
-  app.option_defaults()->group("What it looks like");
+  app.group("What it looks like");
   app.add_option(
       "--transfer", s.transfer,
       fmt::format("Colours and densities by value: {}, or a TOML file; default: ct where "
@@ -47,7 +46,7 @@ void declare_options(CLI::App& app, Settings& s) {
       app, "--spacing", s.spacing,
       "Distances of voxels along the axes, scene units, 1e-15..1e15; default: the "
       "file's, 1,1,1 for images");
-  app.option_defaults()->group("How many");
+  app.group("How many");
   app.add_option("--max-error", s.gaussians.max_error,
                  "Voxels become one Gaussian where their opacities and colours differ by no more, "
                  "0..1; 0: only where they are the same");
@@ -123,7 +122,7 @@ int main(int argc, char** argv) {
     surfel::write_gaussians(
         cloud, s.output,
         {.no_clobber = tool.common().no_clobber, .provenance = {tool.provenance()}});
-    nlohmann::json& report = tool.report();
+    surfel::tool::Json& report = tool.report();
     report["size"] = volume.size;
     report["voxels"] = done.voxels;
     report["empty"] = done.empty;

@@ -4,7 +4,6 @@
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
-#include <nlohmann/json.hpp>
 #include <surfel/base/error.h>
 #include <surfel/base/morton.h>
 #include <surfel/base/nearest_name.h>
@@ -63,7 +62,7 @@ void require_kind(const std::string& kind) {
 }
 
 void declare(tool::Tool& tool, Request& r) {
-  CLI::App& app = tool.app();
+  tool::CommandLine& app = tool.app();
   app.add_option("kind", r.kind,
                  fmt::format("Surface ({}), image ({}) or lat-long environment map (sky)",
                              fmt::join(procedural_scene_names(), ", "),

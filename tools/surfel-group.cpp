@@ -8,7 +8,6 @@
 #include <utility>
 
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 #include <surfel/base/error.h>
 #include <surfel/base/function_ref.h>
 #include <surfel/base/memory.h>
@@ -38,7 +37,7 @@ struct Settings {
   surfel::CoverageOptions coverage;
 };
 
-void declare_options(CLI::App& app, Settings& s) {
+void declare_options(surfel::tool::CommandLine& app, Settings& s) {
   using namespace surfel;
   OverlapOptions& overlap = s.grouping.overlap;
   app.add_option("surfels", s.input, "Surfels (PLY, PCD, LAS, LAZ; - = standard input)")
@@ -49,7 +48,7 @@ void declare_options(CLI::App& app, Settings& s) {
                "Print groups, largest and mean degree for overlaps of 1.0, 0.8, 0.6 and 0.4, a row "
                "of the table in SP06, to standard output");
 
-  app.option_defaults()->group("Overlap");
+  app.group("Overlap");
   app.add_option("--cutoff", overlap.cutoff,
                  "c that a splat ends at: its radius is sqrt(2 c variance), 0.01..16");
   app.add_option("--overlap", overlap.overlap,
@@ -67,7 +66,7 @@ void declare_options(CLI::App& app, Settings& s) {
       "Most that the overlapping pairs may take, GB; 0 = what 256 neighbours of every surfel "
       "take, at most half of what is free");
 
-  app.option_defaults()->group("Groups");
+  app.group("Groups");
   tool::add_choice(
       app, "--order", s.grouping.order,
       {{"largest-first", ColoringOrder::kLargestFirst},
@@ -79,7 +78,7 @@ void declare_options(CLI::App& app, Settings& s) {
                  "So many groups, each splat where it overlaps least; 0 = as few as it takes for "
                  "no two splats of a group to overlap");
 
-  app.option_defaults()->group("Coverage of the surface by every group, for transparent rendering");
+  app.group("Coverage of the surface by every group, for transparent rendering");
   tool::add_choice(app, "--cover", s.cover,
                    {{"none", CoverMethod::kNone},
                     {"enlarge", CoverMethod::kEnlarge},
@@ -101,7 +100,7 @@ void declare_options(CLI::App& app, Settings& s) {
   app.add_option("--fixed-point", s.coverage.fixed_point_iterations,
                  "Of --cover enlarge: iterations of the fixed point in SP06, reported beside the "
                  "solution for comparison; 0 = none");
-  app.option_defaults()->group("Options");
+  app.group("Options");
   tool::add_memory(app, s.memory,
                    "Memory for surfels; a binary PLY file in space-filling order (surfel-convert "
                    "--sort curve) may be larger, without --groups and --cover");
@@ -112,7 +111,8 @@ void declare_options(CLI::App& app, Settings& s) {
 bool can_divide(const Settings& s) { return s.grouping.groups == 0 && !s.cover; }
 
 /// Adds a problem for each given option that has no effect beside the others.
-void check_effects(const CLI::App& app, const Settings& s, std::vector<std::string>& problems) {
+void check_effects(const surfel::tool::CommandLine& app, const Settings& s,
+                   std::vector<std::string>& problems) {
   using surfel::CoverMethod;
   const auto needs = [&](const char* option, bool in_force, const char* other) {
     if (in_force || app.get_option(option)->count() == 0) return;
@@ -130,7 +130,7 @@ void check_effects(const CLI::App& app, const Settings& s, std::vector<std::stri
   needs("--resume", !s.output.empty(), "--output");
 }
 
-void check(const CLI::App& app, Settings& s) {
+void check(const surfel::tool::CommandLine& app, Settings& s) {
   std::vector<std::string> problems = s.grouping.problems();
   if (s.output.empty() && !s.print_table) {
     problems.emplace_back("there is neither --output nor --print-table; give one");
@@ -160,7 +160,7 @@ void check(const CLI::App& app, Settings& s) {
   s.grouping.overlap.max_memory = static_cast<std::uint64_t>(s.max_memory_gb * 1e9);
 }
 
-void report(nlohmann::json& json, const surfel::GroupingReport& r) {
+void report(surfel::tool::Json& json, const surfel::GroupingReport& r) {
   json["splats"] = r.splats;
   json["unusable"] = r.unusable;
   json["groups"] = r.groups;
@@ -179,11 +179,11 @@ void report(nlohmann::json& json, const surfel::GroupingReport& r) {
                            {"moved_last", r.overlap->moved_last}};
 }
 
-nlohmann::json to_json(const surfel::Enlargement& e) {
+surfel::tool::Json to_json(const surfel::Enlargement& e) {
   return {{"factor", e.factor}, {"iterations", e.iterations}, {"converged", e.converged}};
 }
 
-void report(nlohmann::json& json, const surfel::CoverageReport& r) {
+void report(surfel::tool::Json& json, const surfel::CoverageReport& r) {
   json["area"] = r.area;
   json["area_from_column"] = r.area_from_column;
   json["covered_area"] = r.covered_area;
@@ -202,18 +202,18 @@ void report(nlohmann::json& json, const surfel::CoverageReport& r) {
   json["border_splats"] = r.border_splats;
   surfel::tool::add_stages(json, r.times);
   for (const surfel::GroupCoverage& g : r.groups) {
-    nlohmann::json group = {{"splats", g.splats},
-                            {"added", g.added},
-                            {"capped", g.capped},
-                            {"limited", g.limited},
-                            {"cell_area", g.cell_area},
-                            {"covered_area", g.covered_area},
-                            {"uncovered_area", g.uncovered_area},
-                            {"overlap_area", g.overlap_area},
-                            {"unreachable_area", g.unreachable_area},
-                            {"missed_share", g.missed_share},
-                            {"growth_mean", g.growth_mean},
-                            {"growth_max", g.growth_max}};
+    surfel::tool::Json group = {{"splats", g.splats},
+                                {"added", g.added},
+                                {"capped", g.capped},
+                                {"limited", g.limited},
+                                {"cell_area", g.cell_area},
+                                {"covered_area", g.covered_area},
+                                {"uncovered_area", g.uncovered_area},
+                                {"overlap_area", g.overlap_area},
+                                {"unreachable_area", g.unreachable_area},
+                                {"missed_share", g.missed_share},
+                                {"growth_mean", g.growth_mean},
+                                {"growth_max", g.growth_max}};
     if (g.enlargement) group["enlargement"] = to_json(*g.enlargement);
     if (g.fixed_point) group["fixed_point"] = to_json(*g.fixed_point);
     json["groups"].push_back(std::move(group));
@@ -222,7 +222,7 @@ void report(nlohmann::json& json, const surfel::CoverageReport& r) {
 
 /// Covers the surface as --cover says, and reports and tells the result.
 void cover(surfel::SurfelCloud& cloud, const Settings& s, const surfel::tool::Tool& tool,
-           nlohmann::json& json) {
+           surfel::tool::Json& json) {
   const surfel::CoverageReport r = surfel::cover_groups(cloud, s.coverage, s.input);
   report(json, r);
   const auto percent = [&](double area) { return 100 * area / r.area; };
@@ -258,7 +258,7 @@ void cover(surfel::SurfelCloud& cloud, const Settings& s, const surfel::tool::To
 /// Prints a row of SP06, table 1.
 /// \param group  divides the splats by some options
 void print_table(
-    std::size_t surfels, const Settings& s, nlohmann::json& json,
+    std::size_t surfels, const Settings& s, surfel::tool::Json& json,
     surfel::FunctionRef<surfel::GroupingReport(const surfel::GroupingOptions&)> group) {
   std::string head = "| surfels | points |";
   std::string row =
@@ -271,7 +271,7 @@ void print_table(
     head += fmt::format(" c = {:.1f} |", overlap);
     rule += "---|";
     row += fmt::format(" {} / {} / {:.1f} |", r.groups, r.max_degree, r.mean_degree);
-    nlohmann::json entry = {{"overlap", overlap}};
+    surfel::tool::Json entry = {{"overlap", overlap}};
     report(entry, r);
     json["table"].push_back(std::move(entry));
   }

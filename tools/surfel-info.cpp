@@ -626,6 +626,6 @@ int main(int argc, char** argv) {
     const auto replace = Json::error_handler_t::replace;
     surfel::tool::print(json ? description.dump(2, ' ', false, replace) + "\n"
                              : for_people(description));
-    tool.report()["info"] = nlohmann::json::parse(description.dump(-1, ' ', false, replace));
+    tool.report()["info"] = surfel::tool::Json::parse(description.dump(-1, ' ', false, replace));
   });
 }

@@ -6,7 +6,6 @@
 #include <string>
 
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 #include <surfel/base/error.h>
 #include <surfel/base/memory.h>
 #include <surfel/io/cloud_io.h>
@@ -34,7 +33,7 @@ struct Settings {
   bool resume = false;                  ///< Keep what an interrupted run has made.
 };
 
-void declare_options(CLI::App& app, Settings& s) {
+void declare_options(surfel::tool::CommandLine& app, Settings& s) {
   app.add_option(
          "surfels", s.input,
          "Surfels (PLY, PCD, LAS, LAZ; - = standard input), or trained splats (PLY, .splat, .spz, "
@@ -43,7 +42,7 @@ void declare_options(CLI::App& app, Settings& s) {
   app.add_option("-o,--output", s.output,
                  "Surfels or Gaussians of all levels to write (PLY; - = standard output)")
       ->required();
-  app.option_defaults()->group("Levels");
+  app.group("Levels");
   app.add_option("--reduction", s.hierarchy.reduction,
                  "Surfels of a level for one of the next coarser level, 2..16: less comes closer "
                  "to what a picture needs, and makes a larger file");
@@ -52,7 +51,7 @@ void declare_options(CLI::App& app, Settings& s) {
                  "in (0, 90]");
   app.add_option("--sheet-weight", s.hierarchy.sheets.sheet_weight,
                  "How much more distances across the surface count than along it, 1..1000");
-  app.option_defaults()->group("Options");
+  app.group("Options");
   surfel::tool::add_memory(
       app, s.memory,
       "Memory for surfels and their levels; a binary PLY file in space-filling "
@@ -60,7 +59,7 @@ void declare_options(CLI::App& app, Settings& s) {
   surfel::tool::add_resume(app, s.resume);
 }
 
-void report(nlohmann::json& json, const surfel::HierarchyReport& r) {
+void report(surfel::tool::Json& json, const surfel::HierarchyReport& r) {
   json["dropped"] = r.dropped.total();
   json["levels"] = r.levels;
   json["spacing"] = r.spacing;
@@ -68,7 +67,7 @@ void report(nlohmann::json& json, const surfel::HierarchyReport& r) {
   surfel::tool::add_stages(json, r.stages);
 }
 
-void report(nlohmann::json& json, const surfel::GaussianHierarchyReport& r) {
+void report(surfel::tool::Json& json, const surfel::GaussianHierarchyReport& r) {
   json["dropped"] = r.unseen;
   json["levels"] = r.levels;
   json["spacing"] = r.spacing;

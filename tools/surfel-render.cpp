@@ -10,7 +10,6 @@
 #include <vector>
 
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 #include <surfel/base/error.h>
 #include <surfel/base/output_file.h>
 #include <surfel/base/progress.h>
@@ -94,7 +93,7 @@ void load(surfel::tool::Tool& tool, const Settings& s, const surfel::Scene& scen
   if (!s.mesh.empty()) subject.mesh.emplace(tool, s, scene);
   const surfel::LoadedCloud* loaded = subject.loaded.get();
   const surfel::RenderCloud* surfels = loaded ? &loaded->surfels() : nullptr;
-  nlohmann::json& report = tool.report();
+  surfel::tool::Json& report = tool.report();
   report["load_ms"] = timer.milliseconds();
   report["surfels"] = surfels ? surfels->size() : 0;
   report["levels"] = surfels && !surfels->tree().empty() ? surfels->tree().front().level + 1 : 1;
@@ -240,7 +239,7 @@ std::vector<std::string> draw(surfel::tool::Tool& tool, const Settings& s, Subje
       subject.legend && wants_legend(s) && !s.contact_sheet ? &*subject.legend : nullptr;
   if (s.legend == LegendChoice::kOn) require_room(views);
   // The writer adds to the report, so what is said of frames is kept apart until it is done.
-  std::vector<nlohmann::json> frames(pictures);
+  std::vector<surfel::tool::Json> frames(pictures);
   std::uint64_t pixels = 0;
   for (const Shot& shot : shots) {
     const surfel::Camera& camera = views[shot.number].camera;

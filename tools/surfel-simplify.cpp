@@ -9,7 +9,6 @@
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
-#include <nlohmann/json.hpp>
 #include <surfel/base/error.h>
 #include <surfel/base/memory.h>
 #include <surfel/base/progress.h>
@@ -38,7 +37,7 @@ struct Settings {
   bool resume = false;                  ///< Keep what an interrupted run has made.
 };
 
-void declare_options(CLI::App& app, Settings& s) {
+void declare_options(surfel::tool::CommandLine& app, Settings& s) {
   app.add_option("surfels", s.input,
                  "Surfels with normals (PLY, PCD, LAS, LAZ; - = standard input), or trained splats "
                  "(PLY, .splat, .spz, .ksplat)")
@@ -48,7 +47,7 @@ void declare_options(CLI::App& app, Settings& s) {
                  ".splat or .usda")
       ->required();
 
-  app.option_defaults()->group("How few");
+  app.group("How few");
   app.add_option("--max-error", s.simplify.max_error,
                  "As few surfels as this error allows, measured at all surfels of the input: root "
                  "mean square over the surface, seen from near, of the errors of colour (linear "
@@ -57,10 +56,10 @@ void declare_options(CLI::App& app, Settings& s) {
   app.add_option("--count", s.simplify.count,
                  "Exactly this many surfels, with the least error; more where that many sheets or "
                  "materials have to be told apart; surfels mirrored beyond edges come on top")
-      ->check(CLI::Range(1.0, 4294967295.0).description(""));
+      ->range(1.0, 4294967295.0);
   app.add_option("--factor", s.factor,
                  "So many times fewer than there are, instead of --count; >= 1");
-  app.option_defaults()->group("What counts");
+  app.group("What counts");
   app.add_option("--unit-deviation", s.simplify.unit_deviation,
                  "Distance between the surfaces that counts as much as black against white, scene "
                  "units; default: 1/30 of the bounding box's diagonal");
@@ -74,7 +73,7 @@ void declare_options(CLI::App& app, Settings& s) {
   app.add_option("--cutoff", s.simplify.cutoff,
                  "The --cutoff that surfel-render is going to use, 0.1..16: the surface closes, "
                  "and colours fit, there");
-  app.option_defaults()->group("Options");
+  app.group("Options");
   app.add_option("--seed", s.simplify.seed, "Seed of the pattern");
   surfel::tool::add_memory(app, s.memory,
                            "Memory for surfels; a binary PLY file in space-filling order "
@@ -82,7 +81,7 @@ void declare_options(CLI::App& app, Settings& s) {
   surfel::tool::add_resume(app, s.resume);
 }
 
-void report(nlohmann::json& json, const surfel::SimplifyReport& r) {
+void report(surfel::tool::Json& json, const surfel::SimplifyReport& r) {
   json["dropped"] = r.dropped.total();
   json["surfels"] = r.surfels;
   json["result"] = r.result;
@@ -157,7 +156,7 @@ void simplify_gaussians(surfel::tool::Tool& tool, Settings& s) {
     before = cloud.size();
     result = surfel::simplify_gaussians(cloud, {.count = count_of(s, before)}, s.input, &done);
   }
-  nlohmann::json& json = tool.report();
+  surfel::tool::Json& json = tool.report();
   json["before"] = before;
   json["unseen"] = done.unseen;
   json["merged"] = done.merged;
@@ -319,7 +318,7 @@ int main(int argc, char** argv) {
   tool.files().writes("--output", surfel::tool::Writes::kAny);
   return tool.run(argc, argv, [&] {
     if (s.factor) {
-      // Not a range of CLI11's, in which what is no number would be.
+      // Not a range() of the option, in which what is no number would be.
       if (!(*s.factor >= 1 && std::isfinite(*s.factor))) {
         surfel::throw_usage(fmt::format("--factor is {:g}; it must be a number >= 1", *s.factor));
       }

@@ -4,7 +4,6 @@
 #include <string>
 
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 #include <surfel/base/memory.h>
 #include <surfel/base/progress.h>
 #include <surfel/base/timing.h>

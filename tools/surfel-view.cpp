@@ -5,7 +5,6 @@
 #include <vector>
 
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 #include <surfel/base/error.h>
 #include <surfel/base/output_file.h>
 #include <surfel/base/parallel.h>
@@ -35,19 +34,19 @@ struct Settings {
   bool attribute_named = false;  ///< --color-by was given.
 };
 
-void declare_options(CLI::App& app, Settings& s) {
+void declare_options(surfel::tool::CommandLine& app, Settings& s) {
   app.add_option("surfels", s.inputs,
                  "Surfels with normals (PLY, PCD, LAS, LAZ); two are compared "
                  "by a slider")
       ->required()
       ->expected(1, 2);
-  CLI::Option* const output =
+  surfel::tool::Option* const output =
       app.add_option("-o,--output", s.output, "Page to write (HTML; - = standard output)");
   app.add_flag("--serve", s.serve,
                "Serve the page on this machine alone and print its address, until Ctrl+C; of files "
                "with levels of detail it loads what a view needs")
       ->excludes(output);
-  app.option_defaults()->group("First view");
+  app.group("First view");
   surfel::tool::add_vector(app, "--eye", s.camera.eye, "Place of the eye: X,Y,Z");
   surfel::tool::add_vector(app, "--from", s.camera.from,
                            "Direction from the target to the eye: X,Y,Z");
@@ -59,7 +58,7 @@ void declare_options(CLI::App& app, Settings& s) {
   app.add_option("--fov", s.camera.fov, "Vertical field of view, degrees, in (0, 180)");
   app.add_option("--ortho", s.camera.ortho,
                  "Orthographic projection of this visible height, scene units, > 0");
-  app.option_defaults()->group("Options");
+  app.group("Options");
   app.add_option("--color-by", s.cloud.attribute,
                  "Column that the page can show instead of colours, where the files have it");
   surfel::tool::add_memory(app, s.cloud.memory,
@@ -161,7 +160,7 @@ int main(int argc, char** argv) {
           "there is no --output; give -o page.html for a page, or --serve to look at once");
     }
     surfel::tool::require_valid(s.camera.problems());
-    s.attribute_named = tool.app().count("--color-by") > 0;
+    s.attribute_named = tool.app().get_option("--color-by")->count() > 0;
     std::vector<std::unique_ptr<surfel::ViewCloud>> loaded;
     std::vector<const surfel::ViewCloud*> clouds;
     for (const std::string& input : s.inputs) {

@@ -23,6 +23,7 @@
 #include "bench/bench_points.h"
 #include "bench/peer_searches.h"
 #include "tools/support/options.h"
+#include "tools/support/tool.h"
 
 #ifdef SURFEL_HAVE_PCL
 #include <pcl/features/normal_3d_omp.h>
@@ -37,7 +38,7 @@ constexpr int kNearest = 16;
 enum class Work { kAll, kNeighbors, kOurNeighbors, kNormals, kPclNormals };
 
 struct Settings {
-  std::vector<std::size_t> counts{1000000, 4000000};
+  std::size_t count = 1000000;
   bool random_order = true;
   int threads = 0;
   int repeats = 3;
@@ -165,16 +166,13 @@ void normals(const Settings& s, const Array<Vec3f>& points) {
 
 int main(int argc, char** argv) {
   Settings s;
-  CLI::App app("Neighbours and normals of all points, beside FLANN, nanoflann and PCL");
-  app.add_option("--count", s.counts, "Points; several = one after the other")
-      ->check(CLI::Range(1000, 100000000))
-      ->capture_default_str();
+  tool::Tool bench("neighbors_bench",
+                   "Neighbours and normals of all points, beside FLANN, nanoflann and PCL");
+  tool::CommandLine& app = bench.app();
+  app.add_option("--count", s.count, "Points")->range(1000, 100000000);
   tool::add_choice(app, "--order", s.random_order, {{"random", true}, {"morton", false}},
                    "Of the points");
-  app.add_option("--threads", s.threads, "Default: one per core")->check(CLI::Range(0, 1024));
-  app.add_option("--repeats", s.repeats, "Of which the best counts")
-      ->check(CLI::Range(1, 1000))
-      ->capture_default_str();
+  app.add_option("--repeats", s.repeats, "Of which the best counts")->range(1, 1000);
   tool::add_choice(app, "--work", s.work,
                    {{"all", Work::kAll},
                     {"neighbors", Work::kNeighbors},
@@ -183,20 +181,18 @@ int main(int argc, char** argv) {
                     {"pcl-normals", Work::kPclNormals}},
                    "What to run; our-neighbors and pcl-normals without anything beside them");
   app.add_option("--write", s.write, "Write the (last) points to this PLY file and stop");
-  CLI11_PARSE(app, argc, argv);
-  if (s.threads == 0) s.threads = thread_count();
-  set_thread_count(s.threads);
-  for (const std::size_t count : s.counts) {
-    const Array<Vec3f> points = bench::bumpy_sphere(count, s.random_order);
+  return bench.run(argc, argv, [&] {
+    s.threads = thread_count();
+    const Array<Vec3f> points = bench::bumpy_sphere(s.count, s.random_order);
     if (!s.write.empty()) {
       SurfelCloud cloud;
       cloud.position = points;
       write_cloud(cloud, s.write);
-      continue;
+      return;
     }
     if (s.work <= Work::kOurNeighbors) neighbors(s, points);
 #ifdef SURFEL_HAVE_PCL
     if (s.work == Work::kAll || s.work >= Work::kNormals) normals(s, points);
 #endif
-  }
+  });
 }

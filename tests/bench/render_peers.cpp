@@ -33,6 +33,7 @@
 
 #include "bench/z_buffer.h"
 #include "tools/support/options.h"
+#include "tools/support/tool.h"
 
 #ifdef SURFEL_HAVE_EMBREE
 #include <embree3/rtcore.h>
@@ -282,31 +283,23 @@ void run(const Settings& s) {
 
 int main(int argc, char** argv) {
   Settings s;
-  CLI::App app(
+  tool::Tool bench(
+      "render_peers",
       "A frame, and what it is measured against: the one-pixel z-buffer loop, Embree's discs");
+  tool::CommandLine& app = bench.app();
   app.add_option("cloud", s.cloud, "Surfels (PLY)")->required();
   tool::add_size(app, "--size", s.camera.width, s.camera.height, "Size of the picture, pixels");
-  app.add_option("--threads", s.threads, "Default: one per core")->check(CLI::Range(0, 1024));
-  app.add_option("--repeats", s.repeats, "Frames, of which the best counts")
-      ->check(CLI::Range(1, 10000))
-      ->capture_default_str();
-  auto* turntable = app.add_option("--turntable", s.turntable, "Views around, as surfel-render's")
-                        ->check(CLI::Range(1, 100000));
-  app.add_option("--view", s.view, "Which of them, from 0")
-      ->needs(turntable)
-      ->check(CLI::Range(0, 99999));
-  app.add_option("--layers", s.render.layers, "Fragments per pixel")->capture_default_str();
+  app.add_option("--repeats", s.repeats, "Frames, of which the best counts")->range(1, 10000);
+  app.add_option("--turntable", s.turntable, "Views around, as surfel-render's")->range(1, 100000);
+  app.add_option("--view", s.view, "Which of them, from 0")->range(0, 99999);
+  app.add_option("--layers", s.render.layers, "Fragments per pixel");
   app.add_flag("--cull-back", s.render.cull_back, "Leave out surfels that face away");
   app.add_flag("!--unlit", s.render.lit, "No shading");
   app.add_option("--lod", s.lod, "The same surfels with levels of detail, drawn instead of them");
   app.add_flag("!--no-embree", s.embree, "Z and ours alone");
-  CLI11_PARSE(app, argc, argv);
-  if (s.threads == 0) s.threads = thread_count();
-  try {
-    if (s.turntable > 0 && s.view >= s.turntable) throw_usage("--view must be below --turntable");
+  return bench.run(argc, argv, [&] {
+    s.threads = thread_count();
+    if (s.view >= std::max(s.turntable, 1)) throw_usage("--view must be below --turntable");
     run(s);
-  } catch (const std::exception& e) {
-    fmt::print(stderr, "render_peers: error: {}\n", e.what());
-    return 1;
-  }
+  });
 }

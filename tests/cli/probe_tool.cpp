@@ -6,7 +6,6 @@
 #include <new>
 #include <stdexcept>
 
-#include <nlohmann/json.hpp>
 #include <surfel/base/error.h>
 #include <surfel/base/output_file.h>
 #include <surfel/base/parallel.h>

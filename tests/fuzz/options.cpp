@@ -1,6 +1,5 @@
 #include "tools/support/options.h"
 
-#include <memory>
 #include <sstream>
 #include <string>
 #include <vector>
@@ -16,7 +15,7 @@ namespace {
 
 /// Options of every kind, which configuration files may give.
 struct Settings {
-  CLI::App app{"fuzz"};
+  tool::CommandLine app{"fuzz"};
   double number = 0;
   int count = 0;
   std::string word;
@@ -24,10 +23,9 @@ struct Settings {
   bool flag = false;
 
   Settings() {
-    app.set_config("--config");
-    app.config_formatter(std::make_shared<tool::ConfigFile>(app));
+    app.add_config("--config", "", [this](std::istream& in) { tool::read_config(app, in); });
     app.add_option("--number", number);
-    app.add_option("--count", count)->check(CLI::Range(0, 100));
+    app.add_option("--count", count)->range(0, 100);
     app.add_option("--word", word);
     app.add_option("--words", words);
     app.add_flag("--flag", flag);
@@ -41,7 +39,7 @@ void parse_or_refuse(const Parse& parse) {
     parse();
   } catch (const Error& error) {
     require(error.kind() == ErrorKind::kUsage, "a wrong value is not wrong usage");
-  } catch (const CLI::ParseError&) {
+  } catch (const tool::OptionError&) {
   }
 }
 
@@ -60,7 +58,7 @@ void options(Bytes bytes) {
   parse_or_refuse([&] {
     std::istringstream in(text);
     settings.app.clear();
-    settings.app.parse_from_stream(in);
+    settings.app.parse_config(in);
   });
 }
 

@@ -5,7 +5,6 @@
 #include <tuple>
 
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 #include <surfel/base/elementary.h>
 #include <surfel/base/error.h>
 #include <surfel/measure/terrain.h>
@@ -104,7 +103,7 @@ std::unique_ptr<SurfelSource> Coloring::wrap(tool::Tool& tool, const Settings& s
   }
   colored = true;
   apply_kind(s, values);
-  nlohmann::json& report = tool.report()["color_by"];
+  tool::Json& report = tool.report()["color_by"];
   report["attribute"] = values.name();
   const std::string why =
       s.color_by == "auto" ? "; the surfels have no colours, and --color-by none leaves them grey"

@@ -8,21 +8,21 @@
 
 namespace surfel::render_tool {
 
-nlohmann::json to_json(const FrameStatistics& frame) {
-  nlohmann::json json = {{"ms", frame.milliseconds},
-                         {"stages", nlohmann::json::object()},
-                         {"clusters", frame.clusters},
-                         {"splats", frame.splats},
-                         {"exact_splats", frame.exact_splats},
-                         {"thinned_splats", frame.thinned_splats},
-                         {"geometry_passes", frame.geometry_passes},
-                         {"fragments", frame.fragments},
-                         {"merged_fragments", frame.merged},
-                         {"late_weight_share", frame.late_weight_share},
-                         {"groups", frame.groups},
-                         {"culled_fragments", frame.culled},
-                         {"peeled_layers", frame.peeled_layers},
-                         {"unpeeled_pixels", frame.unpeeled_pixels}};
+tool::Json to_json(const FrameStatistics& frame) {
+  tool::Json json = {{"ms", frame.milliseconds},
+                     {"stages", tool::Json::object()},
+                     {"clusters", frame.clusters},
+                     {"splats", frame.splats},
+                     {"exact_splats", frame.exact_splats},
+                     {"thinned_splats", frame.thinned_splats},
+                     {"geometry_passes", frame.geometry_passes},
+                     {"fragments", frame.fragments},
+                     {"merged_fragments", frame.merged},
+                     {"late_weight_share", frame.late_weight_share},
+                     {"groups", frame.groups},
+                     {"culled_fragments", frame.culled},
+                     {"peeled_layers", frame.peeled_layers},
+                     {"unpeeled_pixels", frame.unpeeled_pixels}};
   tool::add_stages(json, frame.stages);
   return json;
 }

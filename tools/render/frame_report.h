@@ -2,7 +2,6 @@
 
 #include <cstddef>
 
-#include <nlohmann/json.hpp>
 #include <surfel/render/renderer.h>
 #include <surfel/scene/camera.h>
 #include <surfel/store/cloud_loader.h>
@@ -13,7 +12,7 @@
 namespace surfel::render_tool {
 
 /// What the report says of a picture.
-nlohmann::json to_json(const FrameStatistics& frame);
+tool::Json to_json(const FrameStatistics& frame);
 
 /// Tells where a picture is incomplete.
 void warn(const tool::Tool& tool, const Settings& s, std::size_t picture,

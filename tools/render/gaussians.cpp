@@ -5,7 +5,6 @@
 #include <vector>
 
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 #include <surfel/base/error.h>
 #include <surfel/base/memory.h>
 #include <surfel/base/timing.h>
@@ -64,7 +63,7 @@ std::vector<std::string> options_without(GaussianProfile profile) {
 
 }  // namespace
 
-bool draws_gaussians(const CLI::App& app, Settings& s) {
+bool draws_gaussians(const tool::CommandLine& app, Settings& s) {
   const bool gaussians =
       s.mesh.empty() && std::any_of(s.inputs.begin(), s.inputs.end(),
                                     [](const std::string& file) { return holds_gaussians(file); });

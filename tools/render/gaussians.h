@@ -5,7 +5,6 @@
 #include <string>
 #include <vector>
 
-#include <CLI/CLI.hpp>
 #include <surfel/gaussian/gaussian_renderer.h>
 #include <surfel/io/gaussian_levels.h>
 #include <surfel/scene/framing.h>
@@ -20,7 +19,7 @@ namespace surfel::render_tool {
 
 /// Are Gaussians in space to be drawn, as one of the files says? Throws Error(kUsage) for options
 /// that have no effect on what is drawn: on Gaussians, or --profile on anything else.
-bool draws_gaussians(const CLI::App& app, Settings& s);
+bool draws_gaussians(const tool::CommandLine& app, Settings& s);
 
 /// Files of Gaussians, joined, and their renderer. Of a single file with levels of detail the
 /// clusters alone that a picture shows are read, for each picture anew.

@@ -5,7 +5,6 @@
 #include <optional>
 #include <vector>
 
-#include <CLI/CLI.hpp>
 #include <surfel/render/renderer.h>
 #include <surfel/scene/camera.h>
 #include <surfel/scene/image.h>

@@ -2,8 +2,10 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <map>
 #include <numeric>
+#include <optional>
 
 #include <fmt/format.h>
 #include <surfel/base/color.h>
@@ -121,55 +123,57 @@ class LegendValues {
   explicit LegendValues(const Legend& legend) : legend_(legend) {}
 
   /// The value of a splat, a number or the name of a category; null: it has none.
-  nlohmann::json of(const ExplainedSplat& splat) const {
+  tool::Json of(const ExplainedSplat& splat) const {
     if (legend_.entries.empty()) {
       const std::optional<double> value = colors().value_of(splat.color);
-      return value ? nlohmann::json(*value) : nlohmann::json();
+      return value ? tool::Json(*value) : tool::Json();
     }
     const auto entry = std::find_if(
         legend_.entries.begin(), legend_.entries.end(),
         [&](const Legend::Entry& e) { return (e.color - splat.color).norm() < kSameColor; });
-    return entry == legend_.entries.end() ? nlohmann::json() : nlohmann::json(entry->text);
+    return entry == legend_.entries.end() ? tool::Json() : tool::Json(entry->text);
   }
 
   /// Of a pixel the mean of the splats' numbers by their shares, or the categories' shares; null
   /// where no splat with a value has a share.
-  nlohmann::json of(const PixelExplanation& pixel) const {
+  tool::Json of(const PixelExplanation& pixel) const {
     double sum = 0;
     double shares = 0;
-    nlohmann::json categories = nlohmann::json::object();
+    tool::Json categories = tool::Json::object();
     for (const ExplainedSplat& splat : pixel.splats) {
-      const nlohmann::json value = of(splat);
+      const tool::Json value = of(splat);
       if (!(splat.share > 0) || value.is_null()) continue;
       shares += splat.share;
       if (value.is_number()) {
-        sum += splat.share * value.get<double>();
+        sum += splat.share * value.number();
       } else {
-        const std::string name = value;
-        categories[name] = categories.value(name, 0.0) + splat.share;
+        tool::Json& share = categories[value.text()];
+        share = share.number() + splat.share;
       }
     }
     if (!(shares > 0)) return {};
-    return legend_.entries.empty() ? nlohmann::json(sum / shares) : categories;
+    return legend_.entries.empty() ? tool::Json(sum / shares) : categories;
   }
 
-  std::string text(const nlohmann::json& value) const {
+  std::string text(const tool::Json& value) const {
     if (value.is_null()) return "-";
-    return value.is_number() ? figures(value) : value.get<std::string>();
+    return value.is_number() ? figures(value.number()) : value.text();
   }
 
   /// A line about a pixel; empty where it has no value.
   std::string line(const PixelExplanation& pixel) const {
-    const nlohmann::json value = of(pixel);
+    const tool::Json value = of(pixel);
     if (value.is_null()) return {};
     if (value.is_number()) {
       return fmt::format("  {} by the legend: {} (mean of the splats' values by their shares)\n",
                          legend_.title, text(value));
     }
+    std::map<std::string, double> categories;
+    auto key = value.keys().begin();
+    for (const tool::Json& share : value.items()) categories[*key++] = share.number();
     std::string out;
-    for (const auto& [name, share] : value.items()) {
-      out += fmt::format("{}{} ({} of the pixel)", out.empty() ? "" : ", ", name,
-                         figures(share.get<double>()));
+    for (const auto& [name, share] : categories) {
+      out += fmt::format("{}{} ({} of the pixel)", out.empty() ? "" : ", ", name, figures(share));
     }
     return fmt::format("  {} by the legend: {}\n", legend_.title, out);
   }
@@ -239,7 +243,7 @@ std::string fates_text(const PixelExplanation& pixel) {
   return out;
 }
 
-nlohmann::json json_of(const Vec3f& color) { return {color.x(), color.y(), color.z()}; }
+tool::Json json_of(const Vec3f& color) { return {color.x(), color.y(), color.z()}; }
 
 }  // namespace
 
@@ -259,28 +263,28 @@ std::vector<PixelExplanation> explain_pixels(const Settings& s, const LoadedClou
   return Renderer(surfels.store(), scene, s.render).explain(camera, s.explained_pixels);
 }
 
-nlohmann::json to_json(const PixelExplanation& pixel, const Legend* legend) {
-  nlohmann::json splats = nlohmann::json::array();
+tool::Json to_json(const PixelExplanation& pixel, const Legend* legend) {
+  tool::Json splats = tool::Json::array();
   for (const ExplainedSplat& splat : pixel.splats) {
-    nlohmann::json one = {{"surfel", splat.surfel},
-                          {"fate", words_of(splat.fate).name},
-                          {"share", splat.share},
-                          {"weight", splat.weight},
-                          {"kernel", splat.kernel},
-                          {"coefficient", splat.coefficient},
-                          {"clip", splat.clip},
-                          {"depth", splat.depth},
-                          {"kind", splat.exact ? "exact" : "affine"},
-                          {"side", splat.front ? "front" : "back"},
-                          {"in_sheet", splat.in_sheet},
-                          {"color", json_of(splat.color)},
-                          {"alpha", splat.alpha}};
+    tool::Json one = {{"surfel", splat.surfel},
+                      {"fate", words_of(splat.fate).name},
+                      {"share", splat.share},
+                      {"weight", splat.weight},
+                      {"kernel", splat.kernel},
+                      {"coefficient", splat.coefficient},
+                      {"clip", splat.clip},
+                      {"depth", splat.depth},
+                      {"kind", splat.exact ? "exact" : "affine"},
+                      {"side", splat.front ? "front" : "back"},
+                      {"in_sheet", splat.in_sheet},
+                      {"color", json_of(splat.color)},
+                      {"alpha", splat.alpha}};
     if (splat.layer >= 0) one["layer"] = splat.layer;
     if (splat.group) one["group"] = *splat.group;
     if (legend) one["value"] = LegendValues(*legend).of(splat);
     splats.push_back(std::move(one));
   }
-  nlohmann::json layers = nlohmann::json::array();
+  tool::Json layers = tool::Json::array();
   for (const ExplainedLayer& layer : pixel.layers) {
     layers.push_back({{"share", layer.share},
                       {"depth", layer.depth},
@@ -290,20 +294,20 @@ nlohmann::json to_json(const PixelExplanation& pixel, const Legend* legend) {
                       {"side", layer.front ? "front" : "back"},
                       {"color", json_of(layer.color)}});
   }
-  nlohmann::json out = {{"x", pixel.x},
-                        {"y", pixel.y},
-                        {"pixel", pixel.pixel},
-                        {"surfaces", json_of(pixel.surfaces)},
-                        {"alpha", pixel.alpha},
-                        {"background", pixel.background},
-                        {"edge", pixel.edge},
-                        {"filled", pixel.filled},
-                        {"relief", pixel.relief},
-                        {"environment", json_of(pixel.environment)},
-                        {"colors", pixel.display ? "sRGB" : "linear"},
-                        {"splats_add_up", pixel.splats_add_up},
-                        {"layers", std::move(layers)},
-                        {"splats", std::move(splats)}};
+  tool::Json out = {{"x", pixel.x},
+                    {"y", pixel.y},
+                    {"pixel", pixel.pixel},
+                    {"surfaces", json_of(pixel.surfaces)},
+                    {"alpha", pixel.alpha},
+                    {"background", pixel.background},
+                    {"edge", pixel.edge},
+                    {"filled", pixel.filled},
+                    {"relief", pixel.relief},
+                    {"environment", json_of(pixel.environment)},
+                    {"colors", pixel.display ? "sRGB" : "linear"},
+                    {"splats_add_up", pixel.splats_add_up},
+                    {"layers", std::move(layers)},
+                    {"splats", std::move(splats)}};
   if (legend) {
     out["legend"] = {{"title", legend->title}, {"value", LegendValues(*legend).of(pixel)}};
   }

@@ -3,7 +3,6 @@
 #include <string>
 #include <vector>
 
-#include <nlohmann/json.hpp>
 #include <surfel/render/legend.h>
 #include <surfel/render/pixel_explanation.h>
 #include <surfel/scene/scene.h>
@@ -23,7 +22,7 @@ std::vector<PixelExplanation> explain_pixels(const Settings& s, const LoadedClou
 
 /// What the report says of an explained pixel.
 /// \param legend  what colours stand for; null: nothing.
-nlohmann::json to_json(const PixelExplanation& pixel, const Legend* legend);
+tool::Json to_json(const PixelExplanation& pixel, const Legend* legend);
 
 /// An explained pixel in words and tables.
 /// \param picture  its name.

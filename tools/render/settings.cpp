@@ -22,9 +22,9 @@ namespace surfel::render_tool {
 
 namespace {
 
-void declare_camera(CLI::App& app, Settings& s) {
+void declare_camera(tool::CommandLine& app, Settings& s) {
   using namespace tool;
-  app.option_defaults()->group("Camera");
+  app.group("Camera");
   add_view(app, s.camera, s.view);
   app.add_option("--near", s.camera.near, "Nothing nearer than this is drawn, scene units, >= 0");
   app.add_option(
@@ -79,9 +79,9 @@ void declare_camera(CLI::App& app, Settings& s) {
            [&s](const std::string& text) { s.tiles = parse_part("--tiles", text); });
 }
 
-void declare_kernel(CLI::App& app, Settings& s) {
+void declare_kernel(tool::CommandLine& app, Settings& s) {
   using namespace tool;
-  app.option_defaults()->group("Kernel and filter");
+  app.group("Kernel and filter");
   add_choice(
       app, "--kernel", s.render.kernel,
       {{"auto", Kernel::kAuto}, {"affine", Kernel::kAffine}, {"perspective", Kernel::kPerspective}},
@@ -101,9 +101,9 @@ void declare_kernel(CLI::App& app, Settings& s) {
                  "Standard deviation of the low-pass filter, pixels, 0.1..16");
 }
 
-void declare_visibility(CLI::App& app, Settings& s) {
+void declare_visibility(tool::CommandLine& app, Settings& s) {
   using namespace tool;
-  app.option_defaults()->group("Visibility and coverage");
+  app.group("Visibility and coverage");
   add_choice(
       app, "--method", s.method,
       {{"abuffer", Method::kABuffer},
@@ -142,9 +142,9 @@ void declare_visibility(CLI::App& app, Settings& s) {
              "Leave out surfels that face away: for closed, opaque surfaces");
 }
 
-void declare_levels(CLI::App& app, Settings& s) {
+void declare_levels(tool::CommandLine& app, Settings& s) {
   using namespace tool;
-  app.option_defaults()->group("Level of detail");
+  app.group("Level of detail");
   add_choice(app, "--lod", s.lod, {{"auto", Lod::kAuto}, {"on", Lod::kOn}, {"off", Lod::kOff}},
              "Use the levels of detail of the file (surfel-lod), so that the time follows the "
              "pixels, not the surfels; auto: where it has them, with --method abuffer and --filter "
@@ -160,9 +160,9 @@ void declare_levels(CLI::App& app, Settings& s) {
                  "the one before it, and write each over the last");
 }
 
-void declare_texture(CLI::App& app, Settings& s) {
+void declare_texture(tool::CommandLine& app, Settings& s) {
   using namespace tool;
-  app.option_defaults()->group("Texture of meshes, of --mesh where it is given");
+  app.group("Texture of meshes, of --mesh where it is given");
   app.add_option("--image", s.texture.image,
                  "Image file, or checker, siemens, noise, each also as NAME:FREQUENCY; "
                  "default: the images of the mesh's materials");
@@ -173,9 +173,9 @@ void declare_texture(CLI::App& app, Settings& s) {
   add_normal_maps(app, s.normals);
 }
 
-void declare_gaussians(CLI::App& app, Settings& s) {
+void declare_gaussians(tool::CommandLine& app, Settings& s) {
   using namespace tool;
-  app.option_defaults()->group("Gaussians");
+  app.group("Gaussians");
   std::string names;
   for (const auto& [name, profile] : gaussian_profiles()) names += ", " + name;
   add_text(app, "--profile", "NAME", "auto",
@@ -194,16 +194,16 @@ void declare_gaussians(CLI::App& app, Settings& s) {
                known.push_back(name);
              }
              if (s.profile) return;
-             throw CLI::ValidationError(
+             throw tool::OptionError(
                  "--profile", fmt::format("'{}' is not one of {}{}", text, fmt::join(known, ", "),
                                           did_you_mean(text, known)));
            });
 }
 
-void declare_truth(CLI::App& app, Settings& s) {
+void declare_truth(tool::CommandLine& app, Settings& s) {
   using namespace tool;
-  app.option_defaults()->group("Truth");
-  CLI::Option* reference =
+  app.group("Truth");
+  tool::Option* reference =
       app.add_flag("--reference", s.reference,
                    "Ray-cast the surfels, slowly and exactly, instead: the truth to measure the "
                    "other pictures against (R G B A only)");
@@ -216,9 +216,9 @@ void declare_truth(CLI::App& app, Settings& s) {
                  "exact: samples along each side, 1..4, by default 2 for volumes and 1 for splats");
 }
 
-void declare_colors(CLI::App& app, Settings& s) {
+void declare_colors(tool::CommandLine& app, Settings& s) {
   using namespace tool;
-  app.option_defaults()->group("Colour by attribute");
+  app.group("Colour by attribute");
   app.add_option("--color-by", s.color_by,
                  "Colour surfels by elevation, x, y, z, normal, radius, spacing, density, or a "
                  "column of the file such as intensity, classification, confidence, group "
@@ -245,9 +245,9 @@ void declare_colors(CLI::App& app, Settings& s) {
       "pixels and more each way, but for EXR");
 }
 
-void declare_shading(CLI::App& app, Settings& s) {
+void declare_shading(tool::CommandLine& app, Settings& s) {
   using namespace tool;
-  app.option_defaults()->group("Shading");
+  app.group("Shading");
   add_choice(app, "--shading", s.shading,
              {{"auto", Shading::kAuto}, {"phong", Shading::kPhong}, {"none", Shading::kNone}},
              "phong lights the surfels, none shows the filtered texture itself; auto: none for "
@@ -282,7 +282,7 @@ void declare_shading(CLI::App& app, Settings& s) {
 }
 
 /// Levels of detail are of the fast renderer and of surfels without groups.
-void check_levels(const CLI::App& app, const Settings& s) {
+void check_levels(const tool::CommandLine& app, const Settings& s) {
   const auto refuse = [&](bool wrong, const std::string& what) {
     if (wrong && s.lod == Lod::kOn) {
       throw_usage(fmt::format("--lod on has no effect with {}; leave it out", what));
@@ -330,7 +330,7 @@ void finish(Settings& s) {
 }
 
 /// Panoramas show all directions from a place, by degrees.
-void check_projection(const CLI::App& app, Settings& s) {
+void check_projection(const tool::CommandLine& app, Settings& s) {
   if (s.projection != Projection::kEquirectangular) return;
   tool::require_valid(tool::without_effect(
       app, {"--fov", "--ortho", "--zoom", "--frame-all", "--turntable", "--from", "--view"},
@@ -351,7 +351,7 @@ void check_projection(const CLI::App& app, Settings& s) {
 }
 
 /// Known views leave nothing of a camera open but its near plane.
-void check_views(const CLI::App& app, Settings& s) {
+void check_views(const tool::CommandLine& app, Settings& s) {
   if (!s.path) {
     tool::require_valid(tool::without_effect(app, {"--path-pictures", "--ease"}, "without --path"));
   }
@@ -382,7 +382,7 @@ void check_views(const CLI::App& app, Settings& s) {
 }
 
 /// Maps have their own camera.
-void check_map(const CLI::App& app, const Settings& s) {
+void check_map(const tool::CommandLine& app, const Settings& s) {
   if (!s.map) {
     tool::require_valid(tool::without_effect(app, {"--epsg"}, "without --map"));
     return;
@@ -400,7 +400,7 @@ void check_map(const CLI::App& app, const Settings& s) {
 }
 
 /// Refuses options that the chosen renderer or method does not heed.
-void require_effect(const CLI::App& app, const Settings& s) {
+void require_effect(const tool::CommandLine& app, const Settings& s) {
   const auto refuse = [&](const std::string& renderer, const std::vector<std::string>& options) {
     tool::require_valid(tool::without_effect(app, options, "with " + renderer));
   };
@@ -459,7 +459,7 @@ void require_effect(const CLI::App& app, const Settings& s) {
 }
 
 /// Throws Error(kUsage) where no parts can be made of the pictures.
-void check_tiles(const CLI::App& app, const Settings& s) {
+void check_tiles(const tool::CommandLine& app, const Settings& s) {
   if (!s.tiles) return;
   tool::require_valid(tool::without_effect(
       app, {"--map", "--contact-sheet", "--progressive", "--explain"}, "--tiles"));
@@ -530,7 +530,7 @@ const std::vector<std::pair<std::string, GaussianProfile>>& gaussian_profiles() 
   return profiles;
 }
 
-void declare_options(CLI::App& app, Settings& s) {
+void declare_options(tool::CommandLine& app, Settings& s) {
   using namespace tool;
   app.add_option(
       "files", s.inputs,
@@ -554,7 +554,7 @@ void declare_options(CLI::App& app, Settings& s) {
   declare_truth(app, s);
   declare_shading(app, s);
   declare_colors(app, s);
-  app.option_defaults()->group("Options");
+  app.group("Options");
   app.add_flag("--contact-sheet", s.contact_sheet,
                "Six pictures in one: colour, normals, depth, surfels a pixel, holes and weight");
   app.add_option("--keep", s.keep, "Surfels to write, as they were made of the files");
@@ -601,7 +601,7 @@ bool wants_levels(const Settings& s) {
   return fast && s.method == Method::kABuffer && s.filter == Filter::kEwa;
 }
 
-void settle(const CLI::App& app, Settings& s) {
+void settle(const tool::CommandLine& app, Settings& s) {
   finish(s);
   check_views(app, s);
   check_projection(app, s);

@@ -7,7 +7,6 @@
 #include <utility>
 #include <vector>
 
-#include <CLI/CLI.hpp>
 #include <surfel/gaussian/gaussian_options.h>
 #include <surfel/io/picture_part.h>
 #include <surfel/measure/view_guess.h>
@@ -94,11 +93,11 @@ struct Settings {
 const std::vector<std::pair<std::string, GaussianProfile>>& gaussian_profiles();
 
 /// Declares the options of surfel-render, bound to the settings.
-void declare_options(CLI::App& app, Settings& s);
+void declare_options(tool::CommandLine& app, Settings& s);
 
 /// Fills in what follows from several options. Throws Error(kUsage) where they do not go together,
 /// or where one has no effect beside the others.
-void settle(const CLI::App& app, Settings& s);
+void settle(const tool::CommandLine& app, Settings& s);
 
 /// Do the pictures become a film?
 bool wants_film(const Settings& s);

@@ -43,7 +43,7 @@ std::array<float, 4> decoded(std::uint32_t code) {
 
 [[noreturn]] void refuse(const std::string& option, const std::string& text,
                          const std::string& numbers) {
-  throw CLI::ConversionError(
+  throw OptionError(
       fmt::format("{}: '{}' is not a colour; give a name such as white or navy, #rrggbb, or linear "
                   "numbers {}",
                   option, text, numbers));
@@ -56,7 +56,7 @@ std::optional<std::array<float, 4>> read_color(const std::string& option, const 
     if (!code) return std::nullopt;
     return decoded(*code);
   }
-  if (const auto named = names().find(CLI::detail::to_lower(text)); named != names().end()) {
+  if (const auto named = names().find(lower_case(text)); named != names().end()) {
     return decoded(named->second);
   }
   const auto commas = std::count(text.begin(), text.end(), ',');
@@ -82,8 +82,8 @@ std::array<float, 3> parse_opaque_color(const std::string& option, const std::st
   return {(*color)[0], (*color)[1], (*color)[2]};
 }
 
-CLI::Option* add_color(CLI::App& app, const std::string& names, std::array<float, 4>& value,
-                       const std::string& description) {
+Option* add_color(CommandLine& app, const std::string& names, std::array<float, 4>& value,
+                  const std::string& description) {
   return add_text(app, names, "COLOR", fmt::format("{}", fmt::join(value, ",")), description,
                   [&value, name = long_name(names)](const std::string& text) {
                     value = parse_color(name, text);

@@ -1,11 +1,11 @@
 #include "tools/support/config_file.h"
 
 #include <charconv>
+#include <cmath>
 #include <optional>
 #include <sstream>
 
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 #include <toml++/toml.h>
 
 #include "tools/support/options.h"
@@ -41,12 +41,9 @@ std::optional<std::vector<std::string>> as_arguments(const toml::node& node, boo
   return std::vector{fmt::format("{}", fmt::join(values, ","))};
 }
 
-bool is_flag(const CLI::Option& option) { return option.get_expected_max() == 0; }
-bool takes_many(const CLI::Option& option) { return option.get_items_expected_max() > 1; }
-
 /// As a number where the option takes numbers and the text is one.
-nlohmann::json typed(const CLI::Option& option, const std::string& text) {
-  const std::string type = option.get_type_name();
+Json typed(const Option& option, const std::string& text) {
+  const std::string type = option.type_name();
   const char* end = text.data() + text.size();
   if (type.starts_with("INT") || type.starts_with("UINT")) {
     const std::string digits = whole_number(text).value_or(text);
@@ -63,39 +60,39 @@ nlohmann::json typed(const CLI::Option& option, const std::string& text) {
 }
 
 /// As a number, a text, or an array of them where the option takes many.
-nlohmann::json typed(const CLI::Option& option, const std::vector<std::string>& values) {
-  if (!takes_many(option)) return typed(option, values.empty() ? "" : values.front());
-  nlohmann::json array = nlohmann::json::array();
+Json typed(const Option& option, const std::vector<std::string>& values) {
+  if (!option.takes_many()) return typed(option, values.empty() ? "" : values.front());
+  Json array = Json::array();
   for (const std::string& value : values) array.push_back(typed(option, value));
   return array;
 }
 
-/// CLI11 shows the default of an option of many values as "[a,b]".
-std::vector<std::string> default_values(const CLI::Option& option) {
-  const std::string text = option.get_default_str();
-  if (!takes_many(option)) return {text};
+/// The help shows the default of an option of many values as "[a,b]".
+std::vector<std::string> default_values(const Option& option) {
+  const std::string text = option.default_str();
+  if (!option.takes_many()) return {text};
   if (text.size() <= 2) return {};
-  return CLI::detail::split(text.substr(1, text.size() - 2), ',');
+  return split(text.substr(1, text.size() - 2), ',');
 }
 
 }  // namespace
 
-std::string plain_name(const CLI::Option& option) {
-  const std::vector<std::string>& names = option.get_lnames();
-  return names.empty() ? option.get_name() : names.front();
+std::string plain_name(const Option& option) {
+  const std::vector<std::string>& names = option.long_names();
+  return names.empty() ? option.name() : names.front();
 }
 
-nlohmann::json value_in_force(const CLI::Option& option) {
-  if (is_flag(option)) return option.count() > 0 && option.as<bool>();
+Json value_in_force(const Option& option) {
+  if (option.is_flag()) return option.is_set();
   const bool given = option.count() > 0;
-  if (!given && option.get_default_str().empty()) return nullptr;
+  if (!given && option.default_str().empty()) return nullptr;
   return typed(option, given ? option.results() : default_values(option));
 }
 
-std::vector<CLI::ConfigItem> ConfigFile::from_config(std::istream& in) const {
-  const std::string file = app_.get_config_ptr()->as<std::string>();
+void read_config(CommandLine& app, std::istream& in) {
+  const std::string file = app.config_file();
   const auto fail = [&](const toml::source_region& where, const std::string& message) {
-    throw CLI::ConversionError(fmt::format("{}: line {}: {}", file, where.begin.line, message));
+    throw OptionError(fmt::format("{}: line {}: {}", file, where.begin.line, message));
   };
   toml::table table;
   try {
@@ -105,43 +102,37 @@ std::vector<CLI::ConfigItem> ConfigFile::from_config(std::istream& in) const {
   }
   for (const auto& [toml_key, node] : table) {
     const std::string key(toml_key.str());
-    CLI::Option* option = app_.get_option_no_throw("--" + key);
-    if (!option || !option->get_configurable()) {
+    Option* option = app.find_option("--" + key);
+    if (!option || !option->configurable()) {
       std::vector<std::string> known;
-      for (const CLI::Option* other : app_.get_options()) {
-        if (other->get_configurable() && !other->get_lnames().empty()) {
+      for (const Option* other : app.options()) {
+        if (other->configurable() && !other->long_names().empty()) {
           known.push_back(plain_name(*other));
         }
       }
       fail(toml_key.source(), fmt::format("unknown option '{}'{}", key, did_you_mean(key, known)));
     }
-    const auto values = as_arguments(node, takes_many(*option));
+    const auto values = as_arguments(node, option->takes_many());
     if (!values) fail(node.source(), fmt::format("'{}' is not a value or a list of values", key));
-    if (!option->empty()) continue;  // Given on the command line.
+    if (option->count() > 0) continue;  // Given on the command line.
     // Said again, a default says nothing: not even that the option was given, so that all settings
     // as --print-config prints them can be read although some exclude or need others.
-    const bool is_default = is_flag(*option) ? values->front() == "false"
-                                             : typed(*option, *values) == value_in_force(*option);
+    const bool is_default = option->is_flag() ? values->front() == "false"
+                                              : typed(*option, *values) == value_in_force(*option);
     if (is_default) continue;
     try {
-      if (is_flag(*option)) {
-        option->add_result(option->get_flag_value(key, values->front()));
-      } else {
-        option->add_result(*values);
-      }
-      option->run_callback();
-    } catch (const CLI::Error& error) {
+      option->give(*values);
+    } catch (const OptionError& error) {
       fail(node.source(), error.what());
     }
   }
-  return {};  // All is stored; nothing is left for CLI11 to do.
 }
 
-std::string ConfigFile::to_config(const CLI::App* app, bool, bool, std::string) const {
+std::string config_text(const CommandLine& app) {
   std::string text;
-  for (const CLI::Option* option : app->get_options()) {
-    if (!option->get_configurable() || option->get_lnames().empty()) continue;
-    const nlohmann::json value = value_in_force(*option);
+  for (const Option* option : app.options()) {
+    if (!option->configurable() || option->long_names().empty()) continue;
+    const Json value = value_in_force(*option);
     // note: JSON's strings, numbers, truth values and arrays of these are valid TOML.
     if (!value.is_null()) text += plain_name(*option) + " = " + value.dump() + "\n";
   }

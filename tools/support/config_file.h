@@ -1,33 +1,26 @@
 #pragma once
 
+#include <iosfwd>
 #include <string>
 
-#include <CLI/CLI.hpp>
-#include <nlohmann/json_fwd.hpp>
+#include "tools/support/command_line.h"
+#include "tools/support/json.h"
 
 namespace surfel::tool {
 
-/// Reads --config files for CLI11: TOML, where every option stands under its own long name without
-/// the dashes. Options given on the command line win. Errors (CLI::ConversionError) name file, line
-/// and key: bad TOML, an unknown key, a table, a value that the option refuses.
-class ConfigFile : public CLI::Config {
- public:
-  explicit ConfigFile(CLI::App& app) : app_(app) {}
+/// Gives the options the values of a --config file: TOML, where every option stands under its own
+/// long name without the dashes. Options given on the command line win. Errors (OptionError) name
+/// file, line and key: bad TOML, an unknown key, a table, a value that the option refuses.
+void read_config(CommandLine& app, std::istream& in);
 
-  std::vector<CLI::ConfigItem> from_config(std::istream& in) const override;
-
-  /// The settings in force as TOML that from_config() reads.
-  std::string to_config(const CLI::App* app, bool, bool, std::string) const override;
-
- private:
-  CLI::App& app_;
-};
+/// The settings in force as TOML that read_config() reads.
+std::string config_text(const CommandLine& app);
 
 /// Value in force of an option, given or default: truth value, number, text or array of these; null
 /// where it is not set and has no default.
-nlohmann::json value_in_force(const CLI::Option& option);
+Json value_in_force(const Option& option);
 
 /// Name of an option without dashes, as it stands in configuration files and reports.
-std::string plain_name(const CLI::Option& option);
+std::string plain_name(const Option& option);
 
 }  // namespace surfel::tool

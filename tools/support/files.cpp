@@ -77,7 +77,7 @@ bool same_target(const std::string& a, const std::string& b) {
 }  // namespace
 
 std::string lower_extension(const std::string& path) {
-  return CLI::detail::to_lower(fs::path(path).extension().string());
+  return lower_case(fs::path(path).extension().string());
 }
 
 void require_format(const std::string& path, Writes what) {
@@ -112,9 +112,9 @@ void RunFiles::writes(const std::string& option, Writes what) {
 }
 
 std::vector<RunFiles::File> RunFiles::values(const std::string& option) const {
-  const CLI::Option* found = app_.get_option(option);
+  const Option* found = app_.get_option(option);
   if (found->count() == 0) return {};
-  const std::vector<CLI::Option*>& order = app_.parse_order();
+  const std::vector<Option*> order = app_.parse_order();
   const auto place = std::find(order.begin(), order.end(), found) - order.begin();
   std::vector<File> files;
   for (const std::string& path : found->results()) {

@@ -3,7 +3,7 @@
 #include <string>
 #include <vector>
 
-#include <CLI/CLI.hpp>
+#include "tools/support/command_line.h"
 
 namespace surfel::tool {
 
@@ -33,7 +33,7 @@ void require_format(const std::string& path, Writes what);
 /// to one file, is refused before any work: the input would be lost, even where the run fails.
 class RunFiles {
  public:
-  explicit RunFiles(const CLI::App& app) : app_(app) {}
+  explicit RunFiles(const CommandLine& app) : app_(app) {}
 
   /// Declares options and positional arguments whose values are files to read. Values that are no
   /// files, such as names of procedural textures, do no harm.
@@ -69,7 +69,7 @@ class RunFiles {
   /// Names both in the order that the user typed them.
   [[noreturn]] static void refuse(const File& a, const File& b, const std::string& advice);
 
-  const CLI::App& app_;
+  const CommandLine& app_;
   std::vector<std::string> input_options_;
   std::vector<Output> output_options_;
   std::vector<File> inputs_;

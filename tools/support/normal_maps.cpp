@@ -7,13 +7,13 @@
 
 namespace surfel::tool {
 
-void add_normal_maps(CLI::App& app, NormalMapSettings& settings) {
+void add_normal_maps(CommandLine& app, NormalMapSettings& settings) {
   NormalMapOptions& maps = settings.maps;
-  CLI::Option* normal_map =
+  Option* normal_map =
       app.add_option("--normal-map", maps.normal_map,
                      "Image of normals in tangent space, which bend the surface's; default: "
                      "`norm` of the mesh's materials");
-  CLI::Option* bump =
+  Option* bump =
       app.add_option("--bump", maps.bump,
                      "Image of heights instead, or checker, siemens, noise, each also as "
                      "NAME:FREQUENCY; default: `bump` of the mesh's materials")
@@ -36,7 +36,8 @@ std::vector<std::string> normal_map_options() {
   return {"--normal-map", "--bump", "--bump-scale", "--normal-y", "--no-normal-maps"};
 }
 
-std::optional<NormalMaps> load_normal_maps(const CLI::App& app, const NormalMapSettings& settings,
+std::optional<NormalMaps> load_normal_maps(const CommandLine& app,
+                                           const NormalMapSettings& settings,
                                            const TriangleMesh* mesh, const std::string& mesh_name) {
   std::optional<NormalMaps> maps;
   if (!settings.maps.empty() || (mesh && !settings.left_out)) {

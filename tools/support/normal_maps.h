@@ -4,9 +4,10 @@
 #include <string>
 #include <vector>
 
-#include <CLI/CLI.hpp>
 #include <surfel/scene/triangle_mesh.h>
 #include <surfel/texture/normal_maps.h>
+
+#include "tools/support/command_line.h"
 
 namespace surfel::tool {
 
@@ -17,14 +18,15 @@ struct NormalMapSettings {
 };
 
 /// Declares the options of normal and bump maps.
-void add_normal_maps(CLI::App& app, NormalMapSettings& settings);
+void add_normal_maps(CommandLine& app, NormalMapSettings& settings);
 
 /// The names of these options.
 std::vector<std::string> normal_map_options();
 
 /// The maps that the options ask for, or the mesh's materials name; none where there are none.
 /// Throws Error(kUsage) for options that have no effect on these maps, else as load_normal_maps().
-std::optional<NormalMaps> load_normal_maps(const CLI::App& app, const NormalMapSettings& settings,
+std::optional<NormalMaps> load_normal_maps(const CommandLine& app,
+                                           const NormalMapSettings& settings,
                                            const TriangleMesh* mesh, const std::string& mesh_name);
 
 }  // namespace surfel::tool

@@ -25,33 +25,35 @@ std::string roff(std::string_view text) {
   return out;
 }
 
-bool takes_value(const CLI::Option& option) { return option.get_expected_max() != 0; }
-
 /// "-o", "--output".
-std::vector<std::string> names_of(const CLI::Option& option) {
+std::vector<std::string> names_of(const Option& option) {
   std::vector<std::string> names;
-  for (const std::string& name : option.get_snames()) names.push_back("-" + name);
-  for (const std::string& name : option.get_lnames()) names.push_back("--" + name);
+  for (const std::string& name : option.short_names()) names.push_back("-" + name);
+  for (const std::string& name : option.long_names()) names.push_back("--" + name);
   return names;
 }
 
-std::vector<const CLI::Option*> options_of(const CLI::App& app) {
-  return app.get_options([](const CLI::Option* option) { return option->nonpositional(); });
+std::vector<const Option*> options_of(const CommandLine& app) {
+  std::vector<const Option*> options;
+  for (const Option* option : app.options()) {
+    if (!option->is_positional()) options.push_back(option);
+  }
+  return options;
 }
 
-void append_option(const CLI::Option& option, std::string& out) {
+void append_option(const Option& option, std::string& out) {
   std::vector<std::string> names;
   for (const std::string& name : names_of(option)) {
     names.push_back(fmt::format("\\fB{}\\fR", roff(name)));
   }
-  if (names.empty()) names.push_back(fmt::format("\\fI{}\\fR", roff(option.get_name(true))));
+  if (names.empty()) names.push_back(fmt::format("\\fI{}\\fR", roff(option.positional_name())));
   out += fmt::format(".TP\n{}", fmt::join(names, ", "));
-  if (takes_value(option) && option.nonpositional()) {
-    out += fmt::format(" \\fI{}\\fR", roff(option.get_type_name()));
+  if (!option.is_flag() && !option.is_positional()) {
+    out += fmt::format(" \\fI{}\\fR", roff(option.type_name()));
   }
-  out += fmt::format("\n{}", roff(option.get_description()));
-  if (!option.get_default_str().empty()) {
-    out += fmt::format(" (default: {})", roff(option.get_default_str()));
+  out += fmt::format("\n{}", roff(option.description()));
+  if (!option.default_str().empty()) {
+    out += fmt::format(" (default: {})", roff(option.default_str()));
   }
   out += '\n';
 }
@@ -70,25 +72,25 @@ std::string in_quotes(std::string_view text) {
 }
 
 /// What stands before the first of these marks, to be read beside a name.
-std::string in_short(const CLI::Option& option) {
-  const std::string& text = option.get_description();
+std::string in_short(const Option& option) {
+  const std::string& text = option.description();
   return text.substr(0, text.find_first_of(":;(\n"));
 }
 
-std::string bash_script(const CLI::App& app, const std::string& name) {
+std::string bash_script(const CommandLine& app, const std::string& name) {
   std::string function = "_" + name;
   std::replace(function.begin(), function.end(), '-', '_');
   std::vector<std::string> all;
   std::vector<std::string> with_value;
   std::string cases;
-  for (const CLI::Option* option : options_of(app)) {
+  for (const Option* option : options_of(app)) {
     const std::vector<std::string> names = names_of(*option);
     all.insert(all.end(), names.begin(), names.end());
     const std::vector<std::string> choices = choices_of(*option);
     if (!choices.empty()) {
       cases += fmt::format("    {}) COMPREPLY=($(compgen -W '{}' -- \"$cur\")); return ;;\n",
                            fmt::join(names, "|"), fmt::join(choices, " "));
-    } else if (takes_value(*option)) {
+    } else if (!option->is_flag()) {
       with_value.insert(with_value.end(), names.begin(), names.end());
     }
   }
@@ -115,15 +117,15 @@ std::string zsh_text(std::string_view text) {
   return out;
 }
 
-std::string zsh_script(const CLI::App& app, const std::string& name) {
+std::string zsh_script(const CommandLine& app, const std::string& name) {
   std::string out = fmt::format("#compdef {}\n_arguments -S \\\n", name);
-  for (const CLI::Option* option : options_of(app)) {
+  for (const Option* option : options_of(app)) {
     const std::vector<std::string> choices = choices_of(*option);
     std::string value;
     if (!choices.empty()) {
-      value = fmt::format(":{}:({})", option->get_type_name(), fmt::join(choices, " "));
-    } else if (takes_value(*option)) {
-      value = fmt::format(":{}:_files", zsh_text(option->get_type_name()));
+      value = fmt::format(":{}:({})", option->type_name(), fmt::join(choices, " "));
+    } else if (!option->is_flag()) {
+      value = fmt::format(":{}:_files", zsh_text(option->type_name()));
     }
     for (const std::string& typed : names_of(*option)) {
       out += fmt::format("  {} \\\n", in_quotes(fmt::format("{}[{}]{}", typed,
@@ -133,16 +135,16 @@ std::string zsh_script(const CLI::App& app, const std::string& name) {
   return out + "  '*:file:_files'\n";
 }
 
-std::string fish_script(const CLI::App& app, const std::string& name) {
+std::string fish_script(const CommandLine& app, const std::string& name) {
   std::string out;
-  for (const CLI::Option* option : options_of(app)) {
+  for (const Option* option : options_of(app)) {
     out += "complete -c " + name;
-    for (const std::string& typed : option->get_snames()) out += " -s " + typed;
-    for (const std::string& typed : option->get_lnames()) out += " -l " + typed;
+    for (const std::string& typed : option->short_names()) out += " -s " + typed;
+    for (const std::string& typed : option->long_names()) out += " -l " + typed;
     const std::vector<std::string> choices = choices_of(*option);
     if (!choices.empty()) {
       out += " -x -a " + in_quotes(fmt::format("{}", fmt::join(choices, " ")));
-    } else if (takes_value(*option)) {
+    } else if (!option->is_flag()) {
       out += " -r";
     }
     out += " -d " + in_quotes(in_short(*option)) + "\n";
@@ -152,11 +154,11 @@ std::string fish_script(const CLI::App& app, const std::string& name) {
 
 }  // namespace
 
-std::vector<std::string> choices_of(const CLI::Option& option) {
+std::vector<std::string> choices_of(const Option& option) {
   std::vector<std::string> choices;
-  const std::string& text = option.get_description();
+  const std::string& text = option.description();
   const std::size_t open = text.rfind('(');
-  if (option.get_type_name() != "NAME" || open == std::string::npos || text.back() != ')') {
+  if (option.type_name() != "NAME" || open == std::string::npos || text.back() != ')') {
     return choices;
   }
   for (std::size_t begin = open + 1; begin < text.size();) {
@@ -167,30 +169,30 @@ std::vector<std::string> choices_of(const CLI::Option& option) {
   return choices;
 }
 
-std::string manual_page(const CLI::App& app, const ToolPage& page) {
+std::string manual_page(const CommandLine& app, const ToolPage& page) {
   std::string out = fmt::format(
       ".TH {0} 1 \"\" \"Surfelkit {1}\" \"Surfelkit\"\n.SH NAME\n{2} \\- {3}\n.SH SYNOPSIS\n.B "
       "{2}\n"
       "[\\fIOPTIONS\\fR]",
-      roff(page.name), page.version, roff(page.name), roff(app.get_description()));
+      roff(page.name), page.version, roff(page.name), roff(app.description()));
   std::string positionals;
   std::vector<std::string> groups;
-  for (const CLI::Option* option : app.get_options()) {
-    if (!option->nonpositional()) {
-      const bool many = option->get_expected_max() > 1;
-      out += fmt::format(" \\fI{}\\fR{}", roff(option->get_name(true)), many ? "..." : "");
+  for (const Option* option : app.options()) {
+    if (option->is_positional()) {
+      out += fmt::format(" \\fI{}\\fR{}", roff(option->positional_name()),
+                         option->takes_many() ? "..." : "");
       append_option(*option, positionals);
       continue;
     }
-    if (std::find(groups.begin(), groups.end(), option->get_group()) == groups.end()) {
-      groups.push_back(option->get_group());
+    if (std::find(groups.begin(), groups.end(), option->group()) == groups.end()) {
+      groups.push_back(option->group());
     }
   }
   out += "\n.SH OPTIONS\n" + positionals;
   for (const std::string& group : groups) {
     out += fmt::format(".SS \"{}\"\n", roff(group));
-    for (const CLI::Option* option : options_of(app)) {
-      if (option->get_group() == group) append_option(*option, out);
+    for (const Option* option : options_of(app)) {
+      if (option->group() == group) append_option(*option, out);
     }
   }
   out += ".SH EXAMPLES\n";
@@ -207,7 +209,7 @@ std::string manual_page(const CLI::App& app, const ToolPage& page) {
   return out;
 }
 
-std::string completion_script(const CLI::App& app, const std::string& name, Shell shell) {
+std::string completion_script(const CommandLine& app, const std::string& name, Shell shell) {
   switch (shell) {
     case Shell::kBash:
       return bash_script(app, name);

@@ -3,7 +3,7 @@
 #include <string>
 #include <vector>
 
-#include <CLI/CLI.hpp>
+#include "tools/support/command_line.h"
 
 namespace surfel::tool {
 
@@ -17,13 +17,13 @@ struct ToolPage {
 enum class Shell { kBash, kZsh, kFish };
 
 /// The manual page of a tool in roff's man macros, from the table of its options.
-std::string manual_page(const CLI::App& app, const ToolPage& page);
+std::string manual_page(const CommandLine& app, const ToolPage& page);
 
 /// The script that lets a shell complete the names of a tool's options, and the values of those
 /// that are one of a set; all other values are completed as names of files.
-std::string completion_script(const CLI::App& app, const std::string& name, Shell shell);
+std::string completion_script(const CommandLine& app, const std::string& name, Shell shell);
 
 /// The values that an option of add_choice() takes; empty for other options.
-std::vector<std::string> choices_of(const CLI::Option& option);
+std::vector<std::string> choices_of(const Option& option);
 
 }  // namespace surfel::tool

@@ -7,6 +7,8 @@
 #include <cstdlib>
 #include <limits>
 #include <regex>
+#include <sstream>
+#include <tuple>
 
 #include <surfel/scene/framing.h>
 
@@ -23,22 +25,29 @@ std::optional<Number> parse_number(const char* begin, const char* end) {
   return value;
 }
 
+std::string trimmed(const std::string& text) {
+  static constexpr const char* kBlanks = " \t\n\v\f\r";
+  const std::size_t begin = text.find_first_not_of(kBlanks);
+  if (begin == std::string::npos) return {};
+  return text.substr(begin, text.find_last_not_of(kBlanks) - begin + 1);
+}
+
 [[noreturn]] void throw_conversion(const std::string& option, const std::string& text,
                                    const std::string& expected) {
-  throw CLI::ConversionError(fmt::format("{}: '{}' is not {}", option, text, expected));
+  throw OptionError(fmt::format("{}: '{}' is not {}", option, text, expected));
 }
 
 /// The option that sets a field; the field itself if there is none.
-std::string option_of(const std::string& field, const CLI::App& app, const FieldNames& names) {
+std::string option_of(const std::string& field, const CommandLine& app, const FieldNames& names) {
   if (const auto named = names.find(field); named != names.end()) return named->second;
   std::string option = (field.size() == 1 ? "-" : "--") + field;
   std::replace(option.begin(), option.end(), '_', '-');
-  return app.get_option_no_throw(option) ? option : field;
+  return app.find_option(option) ? option : field;
 }
 
 }  // namespace
 
-std::string with_option_names(const std::string& message, const CLI::App& app,
+std::string with_option_names(const std::string& message, const CommandLine& app,
                               const FieldNames& names) {
   static constexpr const char* kFieldLetters = "abcdefghijklmnopqrstuvwxyz0123456789_";
   std::string out;
@@ -55,16 +64,16 @@ std::string with_option_names(const std::string& message, const CLI::App& app,
   return out;
 }
 
-std::vector<std::string> typed_names(const CLI::App& app) {
+std::vector<std::string> typed_names(const CommandLine& app) {
   std::vector<std::string> names;
-  for (const CLI::Option* option : app.get_options()) {
-    for (const std::string& name : option->get_lnames()) names.push_back("--" + name);
-    for (const std::string& name : option->get_snames()) names.push_back("-" + name);
+  for (const Option* option : app.options()) {
+    for (const std::string& name : option->long_names()) names.push_back("--" + name);
+    for (const std::string& name : option->short_names()) names.push_back("-" + name);
   }
   return names;
 }
 
-std::vector<std::string> without_effect(const CLI::App& app,
+std::vector<std::string> without_effect(const CommandLine& app,
                                         const std::vector<std::string>& options,
                                         const std::string& where) {
   std::vector<std::string> given;
@@ -72,7 +81,7 @@ std::vector<std::string> without_effect(const CLI::App& app,
     if (app.get_option(option)->count() > 0) given.push_back(option);
   }
   // Those of configuration files come last.
-  const std::vector<CLI::Option*>& order = app.parse_order();
+  const std::vector<Option*> order = app.parse_order();
   const auto place = [&](const std::string& option) {
     return std::find(order.begin(), order.end(), app.get_option(option));
   };
@@ -91,11 +100,23 @@ std::string long_name(const std::string& names) {
   return names.substr(dashes, names.find(',', dashes) - dashes);
 }
 
+std::string lower_case(std::string text) {
+  for (char& c : text) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  return text;
+}
+
+std::vector<std::string> split(const std::string& text, char separator) {
+  std::vector<std::string> parts;
+  std::istringstream in(text);
+  for (std::string part; std::getline(in, part, separator);) parts.push_back(part);
+  return parts;
+}
+
 std::vector<double> parse_numbers(const std::string& option, const std::string& text, int count) {
   std::vector<double> numbers;
-  for (const std::string& part : CLI::detail::split(text, ',')) {
-    const std::string trimmed = CLI::detail::trim_copy(part);
-    const auto number = parse_number<double>(trimmed.data(), trimmed.data() + trimmed.size());
+  for (const std::string& part : split(text, ',')) {
+    const std::string digits = trimmed(part);
+    const auto number = parse_number<double>(digits.data(), digits.data() + digits.size());
     if (!number || !std::isfinite(*number)) break;
     numbers.push_back(*number);
   }
@@ -181,34 +202,23 @@ PartNumber parse_part(const std::string& option, const std::string& text) {
   return *part;
 }
 
-CLI::Option* add_text(CLI::App& app, const std::string& names, const std::string& type,
-                      const std::string& value, const std::string& description,
-                      const std::function<void(const std::string&)>& assign) {
-  CLI::Option* option = app.add_option(
-      names,
-      [assign](const CLI::results_t& results) {
-        assign(results.at(0));
-        return true;
-      },
+Option* add_text(CommandLine& app, const std::string& names, const std::string& type,
+                 const std::string& value, const std::string& description,
+                 const std::function<void(const std::string&)>& assign) {
+  Option* option = app.add_option(
+      names, [assign](const std::vector<std::string>& results) { assign(results.at(0)); },
       description);
   return option->type_name(type)->default_str(value)->expected(1);
 }
 
-CLI::Option* add_texts(CLI::App& app, const std::string& names, const std::string& type,
-                       const std::string& description,
-                       const std::function<void(const std::vector<std::string>&)>& assign) {
-  CLI::Option* option = app.add_option(
-      names,
-      [assign](const CLI::results_t& results) {
-        assign(results);
-        return true;
-      },
-      description);
-  return option->type_name(type)->expected(1)->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
+Option* add_texts(CommandLine& app, const std::string& names, const std::string& type,
+                  const std::string& description,
+                  const std::function<void(const std::vector<std::string>&)>& assign) {
+  return app.add_option(names, assign, description)->type_name(type)->expected(1)->take_all();
 }
 
-CLI::Option* add_memory(CLI::App& app, std::optional<std::uint64_t>& value,
-                        const std::string& description) {
+Option* add_memory(CommandLine& app, std::optional<std::uint64_t>& value,
+                   const std::string& description) {
   return add_text(app, "--memory", "BYTES", "auto",
                   description + ", such as 512M or 2G; auto = three quarters of what is free",
                   [&value](const std::string& text) {
@@ -217,9 +227,9 @@ CLI::Option* add_memory(CLI::App& app, std::optional<std::uint64_t>& value,
                   });
 }
 
-CLI::Option* add_numbers(CLI::App& app, const std::string& names, int count,
-                         const std::string& value, const std::string& description,
-                         const std::function<void(const std::vector<double>&)>& assign) {
+Option* add_numbers(CommandLine& app, const std::string& names, int count, const std::string& value,
+                    const std::string& description,
+                    const std::function<void(const std::vector<double>&)>& assign) {
   std::string type = "N";
   for (int i = 1; i < count; ++i) type += ",N";
   return add_text(app, names, type, value, description,
@@ -228,7 +238,7 @@ CLI::Option* add_numbers(CLI::App& app, const std::string& names, int count,
                   });
 }
 
-void check_numbers(CLI::App& app) {
+void check_numbers(CommandLine& app) {
   const auto whole = [](const auto least, const auto most) {
     return [least, most](std::string& text) -> std::string {
       const auto digits = whole_number(text);
@@ -254,18 +264,16 @@ void check_numbers(CLI::App& app) {
   };
   using Int = std::numeric_limits<int>;
   using Unsigned = std::numeric_limits<std::uint64_t>;
-  for (CLI::Option* option : app.get_options()) {
-    const std::string type = option->get_type_name();
-    if (type.starts_with("INT"))
-      option->transform(CLI::Validator(whole(Int::min(), Int::max()), ""));
-    if (type.starts_with("UINT"))
-      option->transform(CLI::Validator(whole(Unsigned::min(), Unsigned::max()), ""));
-    if (type.starts_with("FLOAT")) option->transform(CLI::Validator(number, ""));
+  for (Option* option : app.options()) {
+    const std::string type = option->type_name();
+    if (type.starts_with("INT")) option->transform(whole(Int::min(), Int::max()));
+    if (type.starts_with("UINT")) option->transform(whole(Unsigned::min(), Unsigned::max()));
+    if (type.starts_with("FLOAT")) option->transform(number);
   }
 }
 
-CLI::Option* add_size(CLI::App& app, const std::string& names, int& width, int& height,
-                      const std::string& description) {
+Option* add_size(CommandLine& app, const std::string& names, int& width, int& height,
+                 const std::string& description) {
   return add_text(app, names, "WxH", fmt::format("{}x{}", width, height),
                   description + "; one number: a square",
                   [&width, &height, name = long_name(names)](const std::string& text) {
@@ -283,7 +291,7 @@ Vec3d parse_direction(const std::string& option, const std::string& text) {
   return {numbers[0], numbers[1], numbers[2]};
 }
 
-void add_view(CLI::App& app, CameraOptions& camera, ViewChoice& choice) {
+void add_view(CommandLine& app, CameraOptions& camera, ViewChoice& choice) {
   add_vector(app, "--eye", camera.eye,
              "Eye, world coordinates; default: everything but stray points is seen");
   add_vector(app, "--from", camera.from, "Instead of --eye: direction from the target to the eye");
@@ -308,10 +316,10 @@ void add_view(CLI::App& app, CameraOptions& camera, ViewChoice& choice) {
            [&choice](const std::string& text) {
              const auto known = kViews.find(text);
              if (known == kViews.end()) {
-               throw CLI::ValidationError(
-                   "--view", fmt::format("'{}' is not one of front, back, left, right, top, "
-                                         "bottom, iso, sensor",
-                                         text));
+               throw OptionError("--view",
+                                 fmt::format("'{}' is not one of front, back, left, right, top, "
+                                             "bottom, iso, sensor",
+                                             text));
              }
              choice.view = known->second;
            });

@@ -6,10 +6,10 @@
 #include <system_error>
 
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 #include <sys/ioctl.h>
 #include <unistd.h>
 
+#include "tools/support/json.h"
 #include "tools/support/standard_error.h"
 
 namespace surfel::tool {
@@ -161,16 +161,14 @@ void ProgressDisplay::show_line() {
 void ProgressDisplay::show_json(const Running& running, const char* event) {
   const ProgressStage& stage = *running.stage;
   const Pace pace = pace_of(stage, running.timer.milliseconds());
-  const nlohmann::ordered_json line = {
-      {"event", event},
-      {"stage", stage.name()},
-      {"done", stage.done()},
-      {"total", stage.total()},
-      {"unit", stage.unit()},
-      {"rate", pace.rate},
-      {"seconds_left",
-       pace.left < 0 ? nlohmann::ordered_json() : nlohmann::ordered_json(pace.left)}};
-  tell(line.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n");
+  const Json line = {{"event", event},
+                     {"stage", stage.name()},
+                     {"done", stage.done()},
+                     {"total", stage.total()},
+                     {"unit", stage.unit()},
+                     {"rate", pace.rate},
+                     {"seconds_left", pace.left < 0 ? Json() : Json(pace.left)}};
+  tell(line.dump(-1, Json::Members::kAsAdded) + "\n");
 }
 
 }  // namespace surfel::tool

@@ -9,7 +9,7 @@
 
 namespace surfel::tool {
 
-void add_resume(CLI::App& app, bool& value) {
+void add_resume(CommandLine& app, bool& value) {
   app.add_flag(
       "--resume", value,
       "Keep what an interrupted run has made, as FILE.unfinished beside the result, and go "

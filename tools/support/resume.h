@@ -4,14 +4,12 @@
 #include <string>
 #include <vector>
 
-#include <CLI/CLI.hpp>
-
 #include "tools/support/tool.h"
 
 namespace surfel::tool {
 
 /// Declares --resume.
-void add_resume(CLI::App& app, bool& value);
+void add_resume(CommandLine& app, bool& value);
 
 /// What a run makes of which files, by which a later run knows that it may go on with what this one
 /// left: the options that matter, and the files' sizes, times and checksums. Empty without

@@ -7,7 +7,6 @@
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
-#include <nlohmann/json.hpp>
 #include <surfel/base/bounds.h>
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
@@ -79,8 +78,8 @@ CloudReadOptions PartSettings::options() const {
   return options;
 }
 
-void add_part(CLI::App& app, PartSettings& part) {
-  app.option_defaults()->group("Part of a file");
+void add_part(CommandLine& app, PartSettings& part) {
+  app.group("Part of a file");
   add_text(app, "--columns", "NAME,...", "",
            "Names of the columns of a text file, - for one to be left out: x,y,z,r,g,b,-; they win "
            "over what the file says",
@@ -101,7 +100,7 @@ void add_part(CLI::App& app, PartSettings& part) {
              "COPC file little more is read");
   app.add_option("--every", part.every,
                  "Of the points that are left one in so many, the first one on");
-  app.option_defaults()->group("Options");
+  app.group("Options");
 }
 
 void tell_finest(const Tool& tool, const std::string& path, const SurfelCloud& cloud,

@@ -47,7 +47,7 @@ struct PartSettings {
   CloudReadOptions options() const;
 };
 /// Declares --columns, --level, --bounds and --every.
-void add_part(CLI::App& app, PartSettings& part);
+void add_part(CommandLine& app, PartSettings& part);
 
 /// Tells what of a file is not used by a tool that works on the finest level alone.
 /// \param cloud    a part of the file, or all of it

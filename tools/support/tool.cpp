@@ -3,15 +3,16 @@
 #include <algorithm>
 #include <atomic>
 #include <csignal>
+#include <cstdlib>
 #include <cstring>
 #include <filesystem>
+#include <limits>
 #include <new>
 #include <optional>
 #include <string_view>
 #include <system_error>
 
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 #include <surfel/base/error.h>
 #include <surfel/base/instructions.h>
 #include <surfel/base/memory.h>
@@ -110,7 +111,7 @@ struct Tool::Impl {
       : name(std::move(tool_name)), app(summary, name) {}
 
   std::string name;
-  CLI::App app;
+  CommandLine app;
   FieldNames field_names;
   std::vector<std::string> everyday;
   std::vector<std::string> examples;
@@ -121,13 +122,14 @@ struct Tool::Impl {
   std::optional<Shell> completion;
   std::uint64_t most_pixels = most_image_pixels();
   bool follows = false;  ///< See follow().
-  nlohmann::json report = nlohmann::json::object();
+  Json report = Json::object();
   Timer total;
 
   ProgressDisplay display;
 
   void add_common_options();
   bool parse(int argc, char** argv);
+  std::string answer(Asked asked);
   std::string everyday_help();
   void refuse_words(int argc, char** argv) const;
   void refuse_leftovers() const;
@@ -141,24 +143,17 @@ struct Tool::Impl {
 };
 
 void Tool::Impl::add_common_options() {
-  app.option_defaults()->always_capture_default();
-  app.get_formatter()->column_width(34);
-  app.set_help_flag("-h,--help", "Print the everyday options and examples, and exit")
-      ->configurable(false);
-  app.set_help_all_flag("--help-all", "Print all options and exit");
-  app.set_version_flag("--version", fmt::format("{} {}", name, version()),
-                       "Print the version and exit")
-      ->configurable(false);
+  app.add_standard_flags();
   const std::string group = "Common options";
   app.add_option("--threads", common.threads)
-      ->check(CLI::Range(1, kMostThreads).description(""))
+      ->range(1, kMostThreads)
       ->type_name("INT")
       ->default_str("")
       ->description(fmt::format("Threads, 1..{}; results do not depend on it (default: one a core)",
                                 kMostThreads))
       ->group(group);
-  app.set_config("--config", "",
-                 "TOML file of options under their long names; the command line wins")
+  app.add_config("--config", "TOML file of options under their long names; the command line wins",
+                 [this](std::istream& in) { read_config(app, in); })
       ->type_name("FILE")
       ->configurable(false)
       ->group(group);
@@ -190,8 +185,8 @@ void Tool::Impl::add_common_options() {
   files.writes("--stats", Writes::kReport);
 }
 
-/// The command line as CLI11 wants it, last word first. The values -x, -y and -z of --up, which it
-/// would take for options, are joined to it.
+/// The command line as CommandLine wants it, last word first. The values -x, -y and -z of --up,
+/// which it would take for options, are joined to it.
 std::vector<std::string> words_of(int argc, char** argv) {
   std::vector<std::string> words;
   for (int i = 1; i < argc; ++i) {
@@ -214,46 +209,45 @@ bool Tool::Impl::parse(int argc, char** argv) {
     return word == "--print-config" || word == "--manual" || word.starts_with("--completion");
   });
   if (only_printed) {
-    for (CLI::Option* option : app.get_options()) option->required(false);
+    for (Option* option : app.options()) option->required(false);
   }
   check_numbers(app);
   refuse_words(argc, argv);
   try {
-    app.parse(words_of(argc, argv));
-  } catch (const CLI::CallForHelp&) {
-    print(everyday_help());
-    return false;
-  } catch (const CLI::CallForAllHelp&) {
-    print(app.help());
-    return false;
-  } catch (const CLI::CallForVersion& call) {
-    print(std::string(call.what()) + "\n");
-    return false;
-  } catch (const CLI::FileError&) {
-    throw Error(ErrorKind::kUsage, app.get_config_ptr()->as<std::string>() + ": cannot be read");
-  } catch (const CLI::ParseError&) {
-    // What CLI11 says of missing and contradictory options is of no use where one was misspelt.
+    if (const Asked asked = app.parse(words_of(argc, argv)); asked != Asked::kRun) {
+      print(answer(asked));
+      return false;
+    }
+  } catch (const OptionError&) {
+    // What CommandLine says of missing and contradictory options is of no use where one was
+    // misspelt.
     refuse_leftovers();
     refuse_pairs();
     throw;
   }
-  if (print_config) print(app.config_to_str());
+  if (print_config) print(config_text(app));
   if (manual) print(manual_page(app, {name, version(), examples}));
   if (completion) print(completion_script(app, name, *completion));
   return !print_config && !manual && !completion;
 }
 
+/// What the tool prints instead of running.
+std::string Tool::Impl::answer(Asked asked) {
+  if (asked == Asked::kVersion) return fmt::format("{} {}\n", name, version());
+  return asked == Asked::kHelp ? everyday_help() : app.help();
+}
+
 /// The help with everyday options and examples alone.
 std::string Tool::Impl::everyday_help() {
   if (everyday.empty()) return app.help();
-  const auto shown = [&](const CLI::Option* option) {
-    if (option == app.get_help_ptr() || option == app.get_help_all_ptr()) return true;
+  const auto shown = [&](const Option* option) {
+    if (app.is_help(option)) return true;
     return std::any_of(everyday.begin(), everyday.end(),
                        [&](const std::string& other) { return app.get_option(other) == option; });
   };
   std::size_t options = 0;
-  for (CLI::Option* option : app.get_options()) {
-    if (!option->nonpositional()) continue;
+  for (Option* option : app.options()) {
+    if (option->is_positional()) continue;
     ++options;
     // The group without a name is not printed.
     option->group(shown(option) ? "Everyday options" : "");
@@ -269,13 +263,13 @@ void Tool::Impl::refuse_words(int argc, char** argv) const {
     const std::string word = argv[i];
     if (word.size() < 3 || word[0] != '-' || word[1] == '-') continue;
     const std::string with_dashes = "-" + word.substr(0, word.find('='));
-    if (app.get_option_no_throw(with_dashes)) {
+    if (app.find_option(with_dashes)) {
       throw_usage(fmt::format("{} has one dash too few; did you mean {}?", word, with_dashes));
     }
   }
 }
 
-/// Throws Error(kUsage) for what CLI11 took for neither options nor their values.
+/// Throws Error(kUsage) for what CommandLine took for neither options nor their values.
 void Tool::Impl::refuse_leftovers() const {
   std::vector<std::string> unknown;
   std::vector<std::string> words;
@@ -296,14 +290,13 @@ void Tool::Impl::refuse_leftovers() const {
 
 /// Throws Error(kUsage) for the first two options that exclude one another.
 void Tool::Impl::refuse_pairs() const {
-  const std::vector<CLI::Option*>& order = app.parse_order();
+  const std::vector<Option*> order = app.parse_order();
   for (std::size_t second = 1; second < order.size(); ++second) {
     for (std::size_t first = 0; first < second; ++first) {
-      CLI::Option* const a = order[first];
-      CLI::Option* const b = order[second];
-      if (a->get_excludes().count(b) + b->get_excludes().count(a) == 0) continue;
-      throw_usage(
-          fmt::format("{} and {} do not go together; leave one out", a->get_name(), b->get_name()));
+      const Option* const a = order[first];
+      const Option* const b = order[second];
+      if (!a->excluded_by(b)) continue;
+      throw_usage(fmt::format("{} and {} do not go together; leave one out", a->name(), b->name()));
     }
   }
 }
@@ -322,7 +315,7 @@ Outcome Tool::Impl::attempt(const std::function<void()>& action) const {
     return {};
   } catch (const Error& error) {
     return {exit_code(error.kind()), with_option_names(error.what(), app, field_names)};
-  } catch (const CLI::Error& error) {
+  } catch (const OptionError& error) {
     return {kWrongUsage, error.what()};
   } catch (const std::bad_alloc&) {
     return {kFailed, of_inputs(kOutOfMemory)};
@@ -361,10 +354,10 @@ void Tool::Impl::error(const std::string& text) {
 void Tool::Impl::write_report(OutputFile& file, const Outcome& outcome) {
   static const std::vector<std::string> kPrinting = {"help",         "help-all", "version",
                                                      "print-config", "manual",   "completion"};
-  nlohmann::json options = nlohmann::json::object();
-  for (const CLI::Option* option : app.get_options()) {
+  Json options = Json::object();
+  for (const Option* option : app.options()) {
     if (std::count(kPrinting.begin(), kPrinting.end(), plain_name(*option)) > 0) continue;
-    nlohmann::json value = value_in_force(*option);
+    Json value = value_in_force(*option);
     if (!value.is_null()) options[plain_name(*option)] = std::move(value);
   }
   report["tool"] = name;
@@ -375,8 +368,7 @@ void Tool::Impl::write_report(OutputFile& file, const Outcome& outcome) {
   report["total_ms"] = total.milliseconds();
   report["peak_memory_bytes"] = peak_memory_bytes();
   if (outcome.code != kDone) report["error"] = outcome.message;
-  // A file name may hold bytes that are not UTF-8; the report must still be JSON.
-  file.write(report.dump(2, ' ', false, nlohmann::json::error_handler_t::replace) + "\n");
+  file.write(report.dump(2) + "\n");
   file.commit();
 }
 
@@ -384,12 +376,11 @@ Tool::Tool(std::string name, const std::string& summary)
     : impl_(std::make_unique<Impl>(std::move(name), summary)) {
   hold_standard_descriptors();
   impl_->add_common_options();
-  impl_->app.config_formatter(std::make_shared<ConfigFile>(impl_->app));
 }
 
 Tool::~Tool() = default;
 
-CLI::App& Tool::app() { return impl_->app; }
+CommandLine& Tool::app() { return impl_->app; }
 void Tool::name_fields(FieldNames names) { impl_->field_names = std::move(names); }
 RunFiles& Tool::files() { return impl_->files; }
 void Tool::everyday(std::vector<std::string> options, std::vector<std::string> examples) {
@@ -402,14 +393,13 @@ void Tool::reads_images() {
       .add_option(
           "--max-pixels", impl_->most_pixels,
           "Pixels that an image may have to be read, >= 1: what a header claims takes memory")
-      ->check(
-          CLI::Range(std::uint64_t{1}, std::numeric_limits<std::uint64_t>::max()).description(""))
+      ->range(std::uint64_t{1}, std::numeric_limits<std::uint64_t>::max())
       ->type_name("UINT")
       ->group("Common options");
 }
 
 const CommonOptions& Tool::common() const { return impl_->common; }
-nlohmann::json& Tool::report() { return impl_->report; }
+Json& Tool::report() { return impl_->report; }
 
 void Tool::note(const std::string& message) const {
   if (!impl_->common.quiet) impl_->message(message);
@@ -436,7 +426,7 @@ void Tool::wrote(const std::string& path, const std::string& what,
 
 std::string Tool::provenance() const {
   std::string line = fmt::format("{} {}", impl_->name, version());
-  for (const CLI::Option* option : impl_->app.get_options()) {
+  for (const Option* option : impl_->app.options()) {
     const std::string name = plain_name(*option);
     static const std::vector<std::string> kWithoutEffect = {
         "threads",  "memory",        "config", "quiet",      "verbose",
@@ -446,9 +436,9 @@ std::string Tool::provenance() const {
         std::count(kWithoutEffect.begin(), kWithoutEffect.end(), name) > 0) {
       continue;
     }
-    if (!option->get_lnames().empty()) line += " --" + name;
-    if (option->get_expected_max() == 0) continue;
-    const bool file = option->get_lnames().empty();
+    if (!option->long_names().empty()) line += " --" + name;
+    if (option->is_flag()) continue;
+    const bool file = option->long_names().empty();
     for (const std::string& value : option->results()) {
       const std::string plain = value.substr(value.rfind('/') + 1);
       line += " " + (file ? shell_file(plain) : shell_quoted(plain));
@@ -459,14 +449,14 @@ std::string Tool::provenance() const {
 
 std::string Tool::options_given(const std::vector<std::string>& without) const {
   std::string text;
-  for (const CLI::Option* option : impl_->app.get_options()) {
+  for (const Option* option : impl_->app.options()) {
     const std::string name = plain_name(*option);
-    if (option->count() == 0 || option->get_lnames().empty() ||
+    if (option->count() == 0 || option->long_names().empty() ||
         std::count(without.begin(), without.end(), name) > 0) {
       continue;
     }
-    if (option->get_expected_max() == 0) text += " --" + name;
-    if (option->get_expected_max() == 0) continue;
+    if (option->is_flag()) text += " --" + name;
+    if (option->is_flag()) continue;
     // With "=", as a value may begin with a minus.
     for (const std::string& value : option->results()) {
       text += " --" + name + "=" + shell_quoted(value);
@@ -531,7 +521,7 @@ void append(std::vector<std::string>& problems, const std::vector<std::string>& 
   problems.insert(problems.end(), more.begin(), more.end());
 }
 
-void add_stages(nlohmann::json& report, const StageTimes& times) {
+void add_stages(Json& report, const StageTimes& times) {
   for (const auto& [stage, ms] : times.stages()) report["stages"][stage] = ms;
 }
 

@@ -5,11 +5,10 @@
 #include <string>
 #include <vector>
 
-#include <CLI/CLI.hpp>
-#include <nlohmann/json_fwd.hpp>
 #include <surfel/base/timing.h>
 
 #include "tools/support/files.h"
+#include "tools/support/json.h"
 #include "tools/support/options.h"
 
 namespace surfel::tool {
@@ -56,8 +55,8 @@ struct CommonOptions {
 ///       });
 ///     }
 ///
-/// Vectors, sizes and choices have helpers in options.h. Numbers keep the type name that CLI11
-/// gives them (INT, FLOAT): by it --print-config and the report know them from text.
+/// Vectors, sizes and choices have helpers in options.h. Numbers keep the type name that
+/// add_option() gives them (INT, FLOAT): by it --print-config and the report know them from text.
 class Tool {
  public:
   Tool(std::string name, const std::string& summary);
@@ -65,7 +64,7 @@ class Tool {
   Tool(const Tool&) = delete;
   Tool& operator=(const Tool&) = delete;
 
-  CLI::App& app();
+  CommandLine& app();
   /// Names the options that set fields of the library's structs under another name than the
   /// field's: messages of the library are told with the options' names (with_option_names()).
   void name_fields(FieldNames names);
@@ -86,7 +85,7 @@ class Tool {
   /// The report that --stats writes; a tool adds what it measured. `tool`, `version`, `options`,
   /// `threads`, `total_ms` and `peak_memory_bytes` are filled in by run(). A run that fails after
   /// its options were understood writes the report, too, with its message as `error`.
-  nlohmann::json& report();
+  Json& report();
 
   /// Message on standard error after the tool's name: note() unless --quiet, detail() with
   /// --verbose only.
@@ -125,6 +124,6 @@ void require_valid(const std::vector<std::string>& problems);
 void append(std::vector<std::string>& problems, const std::vector<std::string>& more);
 
 /// Adds the times of a run's stages to a report, as its "stages".
-void add_stages(nlohmann::json& report, const StageTimes& times);
+void add_stages(Json& report, const StageTimes& times);
 
 }  // namespace surfel::tool

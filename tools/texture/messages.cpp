@@ -5,7 +5,6 @@
 #include <numbers>
 
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 #include <surfel/base/error.h>
 #include <surfel/scene/surfel_variance.h>
 
@@ -14,9 +13,9 @@ namespace {
 
 double degrees(double radians) { return radians * 180 / std::numbers::pi; }
 
-nlohmann::json to_json(const Vec3f& v) { return {v.x(), v.y(), v.z()}; }
+tool::Json to_json(const Vec3f& v) { return {v.x(), v.y(), v.z()}; }
 
-void report(nlohmann::json& json, const TextureFitReport& fit) {
+void report(tool::Json& json, const TextureFitReport& fit) {
   json["surfels"] = fit.surfels;
   json["without_uv"] = fit.without_uv;
   json["without_kernel"] = fit.without_kernel;
@@ -129,7 +128,7 @@ void check_mesh(const SurfelCloud& cloud, const TriangleMesh& mesh, const Settin
 
 void tell_located(const SurfaceLookupReport& found, std::size_t surfels, const Settings& s,
                   tool::Tool& tool) {
-  nlohmann::json& json = tool.report();
+  tool::Json& json = tool.report();
   json["located"] = found.located;
   json["too_far"] = found.too_far;
   json["turned_away"] = found.turned_away;
@@ -155,7 +154,7 @@ void tell_fit(const TextureFitReport& fit, bool areas, const Settings& s, tool::
 
 void tell_normals(const NormalFitReport& fit, std::size_t surfels, const Settings& s,
                   tool::Tool& tool) {
-  nlohmann::json& json = tool.report();
+  tool::Json& json = tool.report();
   const double spread = degrees(std::sqrt(fit.mean_variance));
   json["normals"] = {{"mapped", fit.mapped},
                      {"unmapped", fit.unmapped},

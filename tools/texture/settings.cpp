@@ -14,8 +14,8 @@ namespace surfel::texture_tool {
 namespace {
 
 /// Options of the least-squares fits.
-void declare_systems(CLI::App& app, Settings& s) {
-  app.option_defaults()->group("Systems of equations (--fit gram, render)");
+void declare_systems(tool::CommandLine& app, Settings& s) {
+  app.group("Systems of equations (--fit gram, render)");
   tool::add_choice(app, "--solver", s.fit.solver,
                    {{"cg", FitSolver::kConjugateGradients}, {"ceres", FitSolver::kCeres}},
                    "cg = preconditioned conjugate gradients; ceres = least squares by Ceres, to "
@@ -65,12 +65,12 @@ void declare_systems(CLI::App& app, Settings& s) {
       "Of --fit render: fit the surfels' variances together with the coefficients, "
       "standard deviations within 1/2..2 of what they were; takes about 0.5 ms of one core "
       "a surfel");
-  app.option_defaults()->group("Options");
+  app.group("Options");
 }
 
 /// Options of solid textures.
-void declare_solid(CLI::App& app, Settings& s) {
-  app.option_defaults()->group("Solid textures (--solid)");
+void declare_solid(tool::CommandLine& app, Settings& s) {
+  app.group("Solid textures (--solid)");
   app.add_option(
       "--solid", s.solid_name,
       "Texture that fills space and needs no uv: checker, noise, marble, wood, each also "
@@ -88,11 +88,11 @@ void declare_solid(CLI::App& app, Settings& s) {
                   "Dark colour: a name, #rrggbb, or linear R,G,B; default: the pattern's own");
   tool::add_color(app, "--light", s.solid.light,
                   "Light colour: a name, #rrggbb, or linear R,G,B; default: the pattern's own");
-  app.option_defaults()->group("Options");
+  app.group("Options");
 }
 
 /// Completes the options of the solid texture, if there is one, and adds what is wrong with them.
-void check_solid(const CLI::App& app, Settings& s, std::vector<std::string>& problems) {
+void check_solid(const tool::CommandLine& app, Settings& s, std::vector<std::string>& problems) {
   using tool::append;
   using tool::without_effect;
   if (s.solid_name.empty()) {
@@ -121,7 +121,7 @@ void check_solid(const CLI::App& app, Settings& s, std::vector<std::string>& pro
 
 }  // namespace
 
-void declare_options(CLI::App& app, Settings& s) {
+void declare_options(tool::CommandLine& app, Settings& s) {
   app.add_option("surfels", s.input, "Surfels (PLY, PCD, LAS, LAZ; - = standard input)")
       ->required();
   app.add_option("-o,--output", s.output, "Surfels to write (- = standard output)")->required();
@@ -158,7 +158,7 @@ void declare_options(CLI::App& app, Settings& s) {
                "Sum over the image's own texels whatever it takes, instead of a pyramid's");
 
   declare_solid(app, s);
-  app.option_defaults()->group("Normals");
+  app.group("Normals");
   tool::add_normal_maps(app, s.normals);
   declare_systems(app, s);
   tool::add_memory(app, s.memory,
@@ -168,7 +168,7 @@ void declare_options(CLI::App& app, Settings& s) {
   tool::add_resume(app, s.resume);
 }
 
-void refuse_fits(const CLI::App& app) {
+void refuse_fits(const tool::CommandLine& app) {
   tool::require_valid(tool::without_effect(
       app,
       {"--fit", "--prefilter", "--solver", "--tolerance", "--lambda", "--bounds", "--cutoff",
@@ -176,7 +176,7 @@ void refuse_fits(const CLI::App& app) {
       "with normals alone"));
 }
 
-void settle(const CLI::App& app, Settings& s) {
+void settle(const tool::CommandLine& app, Settings& s) {
   if (s.bounds) s.fit.bounds = {s.bounds->x(), s.bounds->y()};
   std::vector<std::string> problems = s.fit.problems();
   check_solid(app, s, problems);

@@ -5,7 +5,6 @@
 #include <optional>
 #include <string>
 
-#include <CLI/CLI.hpp>
 #include <surfel/texture/texture_fit.h>
 #include <surfel/texture/texture_source.h>
 
@@ -33,12 +32,12 @@ struct Settings {
   std::optional<Eigen::Vector2d> bounds;
 };
 
-void declare_options(CLI::App& app, Settings& s);
+void declare_options(tool::CommandLine& app, Settings& s);
 
 /// Checks the options, and completes what follows from others. Throws Error(kUsage).
-void settle(const CLI::App& app, Settings& s);
+void settle(const tool::CommandLine& app, Settings& s);
 
 /// Refuses options of fits where there are no colours to be fitted.
-void refuse_fits(const CLI::App& app);
+void refuse_fits(const tool::CommandLine& app);
 
 }  // namespace surfel::texture_tool

@@ -1,6 +1,5 @@
 #include "tools/texture/sources.h"
 
-#include <nlohmann/json.hpp>
 #include <surfel/io/mesh_io.h>
 #include <surfel/texture/texture_source.h>
 
@@ -20,7 +19,8 @@ SolidTexture make_solid(const Settings& s, const Bounds& bounds, tool::Tool& too
   return texture;
 }
 
-std::optional<NormalMaps> load_normals(const CLI::App& app, Settings& s, const TriangleMesh* mesh) {
+std::optional<NormalMaps> load_normals(const tool::CommandLine& app, Settings& s,
+                                       const TriangleMesh* mesh) {
   if (s.from == From::kColors) return std::nullopt;
   s.normals.maps.wrap = s.source.wrap;
   s.normals.maps.charts = !s.no_charts;

@@ -19,7 +19,8 @@ TextureSet load_textures(Settings& s, const TriangleMesh* mesh);
 /// \param bounds  of the surfels
 SolidTexture make_solid(const Settings& s, const Bounds& bounds, tool::Tool& tool);
 /// None where colours come from the surfels.
-std::optional<NormalMaps> load_normals(const CLI::App& app, Settings& s, const TriangleMesh* mesh);
+std::optional<NormalMaps> load_normals(const tool::CommandLine& app, Settings& s,
+                                       const TriangleMesh* mesh);
 
 /// A mesh without materials has no colours; its surfels may be given normals alone.
 bool fits_colors(const Settings& s, const TriangleMesh* mesh);
