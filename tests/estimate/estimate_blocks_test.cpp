@@ -556,14 +556,6 @@ TEST(EstimateBlocks, WhatCannotBeDoneIsRefusedBefore) {
   without.normal[17] = Vec3f(0, 0, 0);
   EXPECT_THROW(estimate_by_blocks(MemoryRanges(without), options, {}, collector), Error);
   EXPECT_EQ(collector.announced, 0U);
-
-  // Blocks would fit, but so many edges between them do not.
-  options.orientation.method = Orientation::kMst;
-  EXPECT_NE(message_of([&] {
-              estimate_by_blocks(MemoryRanges(sorted_points("sphere", 20000)), options,
-                                 {.memory = 1 << 20}, collector);
-            }).find("along the surface: give at least"),
-            std::string::npos);
 }
 
 TEST(EstimateBlocks, PointsWithoutOrderAreRefused) {
