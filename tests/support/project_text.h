@@ -26,8 +26,11 @@ inline std::vector<std::string> matches(const std::string& text, const std::rege
 
 /// The library's folders in the order of lib/CMakeLists.txt, which follows the data.
 inline std::vector<std::string> library_folders() {
-  return matches(text_of(SURFEL_SOURCE_DIR "/lib/CMakeLists.txt"),
-                 std::regex(R"(add_subdirectory\(surfel/(\w+)\))"));
+  const std::string text = text_of(SURFEL_SOURCE_DIR "/lib/CMakeLists.txt");
+  const std::size_t begin = text.find("set(SURFEL_FOLDERS ");
+  if (begin == std::string::npos) return {};
+  const std::size_t end = text.find(" CACHE", begin);
+  return matches(text.substr(begin, end - begin), std::regex(R"([ \n](\w+))"));
 }
 
 }  // namespace surfel::test
