@@ -278,7 +278,7 @@ TEST(MalformedMeshes, DamagedFilesAreReadOrRefused) {
     random = random * 1664525U + 1013904223U;
     return (random >> 8) % below;
   };
-  for (int round = 0; round < 300; ++round) {
+  for (int round = 0; round < test::cases(100); ++round) {
     for (const auto& [name, original] : originals) {
       std::string damaged = original;
       for (std::size_t k = next(4); k > 0; --k) {
