@@ -15,6 +15,7 @@
 #include <surfel/scene/triangle_mesh.h>
 
 #include "io/mesh_files.h"
+#include "support/cases.h"
 
 namespace surfel {
 namespace {
