@@ -1,15 +1,20 @@
 // Pages of surfel-view in Chromium, which draws them by the processor, beside surfel-render's
-// pictures.
+// pictures. Chromium takes seconds to start: one process draws all pictures.
 
+#include <chrono>
 #include <cmath>
 #include <cstdlib>
 #include <filesystem>
+#include <memory>
+#include <ostream>
 #include <random>
 #include <string>
+#include <utility>
 
 #include <fmt/format.h>
 #include <gtest/gtest.h>
-#include <nlohmann/json.hpp>
+#include <surfel/io/image_io.h>
+#include <surfel/truth/image_error.h>
 
 #include "support/run_tool.h"
 
@@ -19,6 +24,30 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr const char* kChromium = "/usr/bin/chromium";
+
+/// A picture of a page.
+struct PageView {
+  const char* name;
+  const char* page;     ///< Name of the page, and of the surfels that it shows.
+  const char* address;  ///< Settings behind the # of its address.
+  double least_psnr;    ///< Of its picture and the one that its own command makes, dB.
+};
+
+/// For messages, which would otherwise hold addresses.
+void PrintTo(const PageView& view, std::ostream* out) { *out << view.name; }
+
+constexpr PageView kViews[] = {
+    {"LitBall", "ball", "lit=1&background=%23204060", 38},
+    {"BallInParallelProjection", "ball", "lit=1&ortho=1&camera=3,2,4,0,0,0,0,1,0,40,2.5", 38},
+    {"ClippedBall", "ball", "lit=0&mode=normal&clipAxis=x&clipPlace=0.6", 38},
+    {"SurfacesApartByNormals", "bush", "lit=0&mode=normal", 35},
+    {"SurfacesApartInLight", "bush", "lit=1", 35},
+    {"LinesOfSurfelsSmallerThanThePixelFilter", "fine-box", "lit=0&mode=normal", 45},
+    {"LinesInParallelProjection", "coarse-box", "lit=1&ortho=1&camera=3,2,4,0,0,0,0,0,1,40,3.5",
+     45},
+    {"LinesFromWithin", "coarse-box", "lit=1&camera=0.6,0.4,1.5,-1,-1,0,0,0,1,40", 45},
+    {"ChosenLevels", "levels", "lit=1", 38},
+};
 
 /// Bytes of a text in base64.
 std::string decoded(const std::string& text) {
@@ -45,61 +74,6 @@ std::string element(const std::string& document, const std::string& id) {
   return document.substr(begin, document.find('<', begin) - begin);
 }
 
-class Browser : public testing::Test {
- protected:
-  void SetUp() override {
-    if (fs::exists(kChromium)) return;
-    ASSERT_EQ(std::getenv("CI"), nullptr) << "CI installs chromium";
-    GTEST_SKIP() << "there is no " << kChromium;
-  }
-
-  /// The document that a page has become.
-  std::string document(const std::string& address) const {
-    const RunResult result =
-        run({kChromium, "--headless", "--no-sandbox", "--disable-gpu", "--use-gl=angle",
-             "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
-             "--disable-background-networking", "--disable-component-update", "--disable-sync",
-             "--no-first-run", "--user-data-dir=" + (folder_ / "profile"),
-             "--virtual-time-budget=20000", "--dump-dom", address});
-    EXPECT_EQ(result.exit_code, 0) << result.errors;
-    return result.output;
-  }
-
-  /// Least PSNR of the page's picture and the one that the page's own command makes.
-  double psnr(const std::string& surfels, const std::string& fragment) const {
-    const std::string page = folder_ / "page.html";
-    const RunResult made = run({tool("surfel-view"), surfels, "-o", page, "--quiet"});
-    EXPECT_EQ(made.exit_code, 0) << made.errors;
-    const std::string seen = document("file://" + page + "#capture&size=160x120&" + fragment);
-    const std::string prefix = "data:image/png;base64,";
-    const std::string picture = element(seen, "picture");
-    EXPECT_TRUE(picture.starts_with(prefix)) << element(seen, "failure");
-    if (!picture.starts_with(prefix)) return 0;
-    write_text(folder_ / "seen.png", decoded(picture.substr(prefix.size())));
-    const std::string command = element(seen, "commands");
-    const std::string bin = fs::path(tool("surfel-render")).parent_path();
-    const RunResult drawn =
-        run({"/bin/sh", "-c", "cd " + (folder_ / "") + " && " + bin + "/" + command + " --quiet"});
-    EXPECT_EQ(drawn.exit_code, 0) << command << drawn.errors;
-    const RunResult compared =
-        run({tool("surfel-compare"), folder_ / "seen.png", folder_ / "view.png", "--json"});
-    EXPECT_EQ(compared.exit_code, 0) << compared.errors;
-    return nlohmann::json::parse(compared.output)["psnr"].get<double>();
-  }
-
-  TemporaryFolder folder_;
-};
-
-TEST_F(Browser, ShowsWhatItsCommandDraws) {
-  const std::string ball = folder_ / "ball.ply";
-  ASSERT_EQ(
-      run({tool("surfel-generate"), "sphere", "--count", "4000", "--quiet", "-o", ball}).exit_code,
-      0);
-  EXPECT_GT(psnr(ball, "lit=1&background=%23204060"), 38);
-  EXPECT_GT(psnr(ball, "lit=1&ortho=1&camera=3,2,4,0,0,0,0,1,0,40,2.5"), 38);
-  EXPECT_GT(psnr(ball, "lit=0&mode=normal&clipAxis=x&clipPlace=0.6"), 38);
-}
-
 /// Discs of all directions within a ball: nearly every pixel has several surfaces of both sides.
 std::string leaves() {
   std::mt19937 random(7);
@@ -119,42 +93,128 @@ std::string leaves() {
   return text;
 }
 
-TEST_F(Browser, TellsSurfacesApartAsSurfelRenderDoes) {
-  const std::string bush = folder_ / "bush.ply";
-  write_text(bush, leaves());
-  EXPECT_GT(psnr(bush, "lit=0&mode=normal"), 35);
-  EXPECT_GT(psnr(bush, "lit=1"), 35);
-}
-
 /// A box without a lid, its walls of unlike heights.
 constexpr const char* kBox =
     "v -1 -1 -1\nv 1 -1 -1\nv 1 1 -1\nv -1 1 -1\nv -1 -1 1\nv 1 -1 0.6\nv 1 1 0.9\nv -1 1 1.2\n"
     "f 4 3 2 1\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf 4 1 5 8\n";
 
-TEST_F(Browser, EndsSurfelsAtLinesAsSurfelRenderDoes) {
-  write_text(folder_ / "box.obj", kBox);
-  const std::string box = folder_ / "box.ply";
-  const auto sample = [&](const std::string& spacing) {
-    const RunResult made = run({tool("surfel-from-mesh"), folder_ / "box.obj", "--clip",
-                                "--spacing", spacing, "--quiet", "-o", box});
-    ASSERT_EQ(made.exit_code, 0) << made.errors;
-  };
-  sample("0.04");
-  EXPECT_GT(psnr(box, "lit=0&mode=normal"), 45) << "smaller than the pixel filter";
-  sample("0.2");
-  EXPECT_GT(psnr(box, "lit=1&ortho=1&camera=3,2,4,0,0,0,0,0,1,40,3.5"), 45);
-  EXPECT_GT(psnr(box, "lit=1&camera=0.6,0.4,1.5,-1,-1,0,0,0,1,40"), 45);
+/// Opens addresses one after the other in a frame, and gathers what each page leaves.
+constexpr const char* kDriver = R"(<!DOCTYPE html>
+<script type="module">
+for (const [name, address] of [@views@]) {
+  const frame = document.createElement('iframe');
+  frame.src = address;
+  document.body.append(frame);
+  const text = (id) => frame.contentDocument?.getElementById(id)?.textContent ?? '';
+  while (!text('picture') && !text('failure')) {
+    await new Promise((resolve) => setTimeout(resolve, 20));
+  }
+  for (const id of ['picture', 'failure', 'commands']) {
+    const copy = document.createElement('pre');
+    copy.id = `${name}-${id}`;
+    copy.textContent = text(id);
+    document.body.append(copy);
+  }
+  frame.remove();
+}
+</script>
+)";
+
+/// Runs a command, which is to succeed.
+void succeed(const Words& command) {
+  const RunResult result = run(command);
+  EXPECT_EQ(result.exit_code, 0) << command[0] << ": " << result.errors;
 }
 
-TEST_F(Browser, ChoosesTheLevelsThatSurfelRenderChooses) {
-  const std::string ball = folder_ / "ball.ply";
-  const std::string levels = folder_ / "levels.ply";
-  ASSERT_EQ(
-      run({tool("surfel-generate"), "sphere", "--count", "30000", "--quiet", "-o", ball}).exit_code,
-      0);
-  ASSERT_EQ(run({tool("surfel-lod"), ball, "--quiet", "-o", levels}).exit_code, 0);
-  EXPECT_GT(psnr(levels, "lit=1"), 38);
+/// All pages, and the document with the pictures of all views.
+struct Pages {
+  TemporaryFolder folder;
+  std::string document;
+
+  Pages() {
+    make_surfels();
+    for (const char* page : {"ball", "bush", "fine-box", "coarse-box", "levels"}) {
+      succeed({tool("surfel-view"), surfels(page), "-o", html(page), "--quiet"});
+    }
+    draw();
+  }
+
+  std::string surfels(const std::string& page) const { return folder / (page + ".ply"); }
+  std::string html(const std::string& page) const { return folder / (page + ".html"); }
+
+  void make_surfels() const {
+    succeed(
+        {tool("surfel-generate"), "sphere", "--count", "4000", "--quiet", "-o", surfels("ball")});
+    write_text(surfels("bush"), leaves());
+    write_text(folder / "box.obj", kBox);
+    for (const auto& [page, spacing] : {std::pair("fine-box", "0.04"), {"coarse-box", "0.2"}}) {
+      succeed({tool("surfel-from-mesh"), folder / "box.obj", "--clip", "--spacing", spacing,
+               "--quiet", "-o", surfels(page)});
+    }
+    succeed(
+        {tool("surfel-generate"), "sphere", "--count", "30000", "--quiet", "-o", surfels("many")});
+    succeed({tool("surfel-lod"), surfels("many"), "--quiet", "-o", surfels("levels")});
+  }
+
+  void draw() {
+    std::string views;
+    for (const PageView& view : kViews) {
+      views += fmt::format("['{}', 'file://{}#capture&size=160x120&{}'],", view.name,
+                           html(view.page), view.address);
+    }
+    std::string driver = kDriver;
+    const std::string mark = "@views@";
+    driver.replace(driver.find(mark), mark.size(), views);
+    write_text(folder / "driver.html", driver);
+    const RunResult result =
+        run({kChromium, "--headless", "--no-sandbox", "--disable-gpu", "--use-gl=angle",
+             "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
+             "--disable-background-networking", "--disable-component-update", "--disable-sync",
+             "--no-first-run", "--user-data-dir=" + (folder / "profile"),
+             "--allow-file-access-from-files", "--virtual-time-budget=180000", "--dump-dom",
+             "file://" + (folder / "driver.html")},
+            {.longest = std::chrono::minutes(10)});
+    EXPECT_EQ(result.exit_code, 0) << result.errors;
+    document = result.output;
+  }
+};
+
+class Browser : public testing::TestWithParam<PageView> {
+ protected:
+  static void SetUpTestSuite() {
+    if (fs::exists(kChromium)) pages_ = std::make_unique<Pages>();
+  }
+  static void TearDownTestSuite() { pages_.reset(); }
+  void SetUp() override { SURFEL_REQUIRE(pages_, std::string("there is no ") + kChromium); }
+
+  static inline std::unique_ptr<Pages> pages_;
+};
+
+TEST_P(Browser, ShowsWhatTheCommandOfThePageDraws) {
+  const PageView& view = GetParam();
+  const std::string of = std::string(view.page) + ".html, " + view.name + ": ";
+  const auto left = [&](const char* id) {
+    return element(pages_->document, fmt::format("{}-{}", view.name, id));
+  };
+  const std::string prefix = "data:image/png;base64,";
+  const std::string picture = left("picture");
+  ASSERT_TRUE(picture.starts_with(prefix)) << of << "no picture; " << left("failure");
+  const std::string seen = pages_->folder / "seen.png";
+  write_text(seen, decoded(picture.substr(prefix.size())));
+  const std::string drawn = pages_->folder / "view.png";
+  fs::remove(drawn);
+  const std::string command = left("commands");
+  const std::string bin = fs::path(tool("surfel-render")).parent_path();
+  const RunResult result = run(
+      {"/bin/sh", "-c", "cd " + (pages_->folder / "") + " && " + bin + "/" + command + " --quiet"});
+  ASSERT_EQ(result.exit_code, 0) << of << command << result.errors;
+  const ImageError error =
+      image_error(read_premultiplied_image(seen), read_premultiplied_image(drawn));
+  EXPECT_GT(error.psnr, view.least_psnr) << of << command;
 }
+
+INSTANTIATE_TEST_SUITE_P(Pages, Browser, testing::ValuesIn(kViews),
+                         [](const auto& view) { return std::string(view.param.name); });
 
 }  // namespace
 }  // namespace surfel::test

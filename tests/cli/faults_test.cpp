@@ -56,6 +56,11 @@ const std::vector<Command>& commands() {
   return all;
 }
 
+/// Commands that make files which only some tests read.
+constexpr const char* kMakeChecker = "surfel-generate checker --size 8x8 -o a.png";
+constexpr const char* kMakeMany = "surfel-generate sphere --texture noise --count 3000 -o many.ply";
+constexpr const char* kMakePart = "surfel-render many.ply --size 32 --tiles 1/1 -o part.exr";
+
 class Faults : public testing::Test {
  protected:
   void SetUp() override {
@@ -66,11 +71,12 @@ class Faults : public testing::Test {
                "property float variance\nend_header\n0 0 0 0 0 1 .2\n1 0 0 0 0 1 .2\n"
                "0 1 0 0 0 1 .2\n1 1 0 0 0 1 .2\n");
     write_text(folder_ / "mesh.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
-    for (const char* made : {"surfel-generate checker --size 8x8 -o a.png",
-                             "surfel-generate sphere --texture noise --count 3000 -o many.ply",
-                             "surfel-render many.ply --size 32 --tiles 1/1 -o part.exr"}) {
-      const RunResult result = run_here(made);
-      ASSERT_EQ(result.exit_code, 0) << result.errors;
+  }
+
+  void make(const std::vector<const char*>& commands) const {
+    for (const char* command : commands) {
+      const RunResult result = run_here(command);
+      EXPECT_EQ(result.exit_code, 0) << command << result.errors;
     }
   }
 
@@ -151,6 +157,7 @@ TEST_F(Faults, EveryCallOfASmallRunMayFail) {
 }
 
 TEST_F(Faults, EveryToolKeepsTheOlderOutput) {
+  make({kMakeChecker});
   for (const Fault& fault : {Fault{"open", EMFILE}, Fault{"write", ENOSPC}, Fault{"pwrite", EIO},
                              Fault{"rename", EIO}}) {
     for (const char* command :
@@ -197,6 +204,7 @@ TEST_F(Faults, WorkIsTakenUpAfterCallsThatFailWhileSidesWaitOnTheDisk) {
 }
 
 TEST_F(Faults, AFileThatShrinksWhileItIsReadIsAnError) {
+  make({kMakeMany});
   const std::string seen = seen_ / "seen";
   const std::string input = folder_ / "many.ply";
   const std::string whole = read_text(input);
@@ -317,6 +325,7 @@ TEST_F(Faults, WorkThatCannotBeTakenUpIsRefused) {
 }
 
 TEST_F(Faults, WhereNoThreadCanBeStartedToolsWorkOrSaySo) {
+  make({kMakeChecker, kMakeMany, kMakePart});
   const std::string seen = seen_ / "seen";
   for (const Command& command : commands()) {
     const std::string words =
@@ -344,6 +353,7 @@ TEST_F(Faults, WhereNoThreadCanBeStartedToolsWorkOrSaySo) {
 }
 
 TEST_F(Faults, LimitsOfMemoryAreToldByEveryTool) {
+  make({kMakeChecker, kMakeMany, kMakePart});
   for (const Command& command : commands()) {
     const std::string words =
         command.words + (command.output.empty() ? "" : " -o " + command.output);
@@ -418,6 +428,7 @@ TEST_F(Faults, SignalsAtAnyTimeLeaveTheOlderOutputOrTheNewOne) {
 }
 
 TEST_F(Faults, OfTwoWritersOfOneFileOneWins) {
+  make({kMakeMany});
   const std::string path = folder_ / "out.ply";
   const std::vector<std::string> words = {"surfel-convert many.ply --scale 2 -o out.ply",
                                           "surfel-convert many.ply --scale 3 -o out.ply"};

@@ -28,7 +28,6 @@ struct Inputs {
   std::string volume = folder / "volume.nrrd";
   std::string image = folder / "image.png";
   std::string other_image = folder / "other.png";
-  std::string part = folder / "part.exr";
 
   Inputs() {
     write_text(mesh,
@@ -37,13 +36,23 @@ struct Inputs {
     run({tool("surfel-generate"), "checker", "--size", "16x16", "--image", image, "--quiet"});
     run({tool("surfel-generate"), "noise", "--size", "16x16", "--image", other_image, "--quiet"});
     run({tool("surfel-from-mesh"), mesh, "--spacing", "0.05", "-o", surfels, "--quiet"});
-    run({tool("surfel-render"), surfels, "--size", "16", "--tiles", "1/1", "-o", part, "--quiet"});
     write_text(volume, "NRRD0004\ntype: uchar\ndimension: 3\nsizes: 3 3 3\nencoding: raw\n\n" +
                            std::string(13, '\1') + "a" + std::string(13, '\1'));
   }
   static const Inputs& get() {
     static const Inputs inputs;
     return inputs;
+  }
+  /// A part of a picture, which is made where a test asks for it: EXR takes a process half a
+  /// second.
+  static const std::string& part() {
+    static const std::string file = [] {
+      std::string path = get().folder / "part.exr";
+      run({tool("surfel-render"), get().surfels, "--size", "16", "--tiles", "1/1", "-o", path,
+           "--quiet"});
+      return path;
+    }();
+    return file;
   }
 };
 
@@ -86,7 +95,7 @@ const std::vector<Usage>& usages() {
 
 std::string good_input(const Usage& usage) {
   if (usage.input == "image") return Inputs::get().image;
-  if (usage.input == "part") return Inputs::get().part;
+  if (usage.input == "part") return Inputs::part();
   if (usage.input == "volume") return Inputs::get().volume;
   return usage.input == "mesh" ? Inputs::get().mesh : Inputs::get().surfels;
 }
@@ -184,20 +193,17 @@ TEST_P(EveryTool, LetsShellsCompleteItsOptions) {
   std::string function = "_" + GetParam().name;
   std::replace(function.begin(), function.end(), '-', '_');
   // As bash asks for what may follow the words, the last of which is not finished.
-  const auto completed = [&](const std::string& words) {
-    const RunResult result = run({"bash", "-c",
-                                  "eval \"$(" + path + " --completion bash)\"; COMP_WORDS=(" +
-                                      words + "); COMP_CWORD=$((${#COMP_WORDS[@]} - 1)); " +
-                                      function + "; echo \"${COMPREPLY[*]}\""});
-    EXPECT_EQ(result.exit_code, 0) << result.errors;
-    EXPECT_EQ(result.errors, "");
-    return result.output;
-  };
-  EXPECT_EQ(completed("x --progress ''"), "auto none json\n");
-  EXPECT_EQ(completed("x --progress j"), "json\n");
-  EXPECT_EQ(completed("x --no-clo"), "--no-clobber\n");
-  EXPECT_EQ(completed("x --stats ''"), "\n");
-  EXPECT_EQ(completed("x ''"), "\n");
+  std::string script = "eval \"$(" + path + " --completion bash)\"\n";
+  for (const char* words :
+       {"x --progress ''", "x --progress j", "x --no-clo", "x --stats ''", "x ''"}) {
+    script += std::string("COMP_WORDS=(") + words +
+              "); COMP_CWORD=$((${#COMP_WORDS[@]} - 1)); COMPREPLY=(); " + function +
+              "; echo \"${COMPREPLY[*]}\"\n";
+  }
+  const RunResult bash = run({"bash", "-c", script});
+  EXPECT_EQ(bash.exit_code, 0) << bash.errors;
+  EXPECT_EQ(bash.errors, "");
+  EXPECT_EQ(bash.output, "auto none json\njson\n--no-clobber\n\n\n");
   const RunResult zsh = run({path, "--completion", "zsh"});
   EXPECT_TRUE(zsh.output.starts_with("#compdef " + GetParam().name + "\n"));
   EXPECT_TRUE(contains(zsh.output,
@@ -451,8 +457,8 @@ TEST(Tools, InterruptedWorkLeavesNoTemporary) {
           wait_until([&] { return !entries(folder / "").empty() && written() >= reached; });
           kill(process, SIGINT);
         }};
-    const RunResult result = run({tool("surfel-generate"), "terrain", "--count", "2500000",
-                                  "--quiet", "-o", folder / "out.ply"},
+    const RunResult result = run({tool("surfel-generate"), "plane", "--count", "2500000", "--quiet",
+                                  "-o", folder / "out.ply"},
                                  interrupt);
     if (result.exit_code == 0) {
       fs::remove(folder / "out.ply");

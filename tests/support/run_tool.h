@@ -72,12 +72,13 @@ struct RunResult {
 };
 
 struct RunSetup {
-  std::string input;                     ///< File for standard input.
-  std::function<void(pid_t)> meanwhile;  ///< Called once while the process runs.
+  std::string input = {};                     ///< File for standard input.
+  std::function<void(pid_t)> meanwhile = {};  ///< Called once while the process runs.
+  std::chrono::seconds longest{120};          ///< The process is killed after it.
 };
 
-/// Runs a program and waits for it; what does not end within a minute or two is killed, and shows
-/// as ended by a signal.
+/// Runs a program and waits for it; what does not end in time is killed, and shows as ended by a
+/// signal.
 inline RunResult run(const std::vector<std::string>& command, const RunSetup& setup = {}) {
   const TemporaryFolder folder;
   const std::string out = folder / "out";
@@ -98,11 +99,10 @@ inline RunResult run(const std::vector<std::string>& command, const RunSetup& se
   if (failed != 0) throw std::runtime_error("cannot run " + command[0]);
 
   if (setup.meanwhile) setup.meanwhile(process);
-  constexpr auto kLongest = std::chrono::seconds(120);
   const auto start = std::chrono::steady_clock::now();
   int status = 0;
   while (waitpid(process, &status, WNOHANG) == 0) {
-    if (std::chrono::steady_clock::now() - start > kLongest) kill(process, SIGKILL);
+    if (std::chrono::steady_clock::now() - start > setup.longest) kill(process, SIGKILL);
     std::this_thread::sleep_for(std::chrono::milliseconds(1));
   }
   RunResult result;
