@@ -68,7 +68,7 @@ if [ "${1:-}" = --all ]; then
 else
   files=$(choose_files "$@")
 fi
-cmake --preset lint -B build/alone -DSURFEL_BUILD_BENCH=ON -DSURFEL_TEST_FOLDERS= >/dev/null
+cmake --preset lint -B build/alone -DSURFEL_BUILD_BENCH=ON -DSURFEL_TEST_FOLDERS=base >/dev/null
 mapfile -d '' -t commands < <({ echo "$files"; find tests/bench -name '*.cpp'; } | check_commands)
 printf '%s\0' "${commands[@]}" | xargs -0 -n 1 -P "$(nproc)" bash -c
 echo "${#commands[@]} files compile alone"
