@@ -32,7 +32,7 @@ surfel_packages=(
   # Its tests.
   python3-numpy python3-pytest
   # Tests and checks.
-  libgtest-dev librapidcheck-dev clang-format-14 clang-tidy-14
+  libgtest-dev clang-format-14 clang-tidy-14
   # Pages are compared with pictures in it.
   chromium
   # Tests of the scripts for clusters.
