@@ -16,6 +16,8 @@ namespace surfel::tool {
 class Json {
  public:
   Json() = default;  ///< null.
+  // Values of all types stand in braces and after = as they are.
+  // NOLINTBEGIN(google-explicit-constructor)
   Json(std::nullptr_t) {}
   Json(bool flag);
   Json(double number);
@@ -35,6 +37,7 @@ class Json {
   Json(const std::array<T, n>& items) : kind_(Kind::kArray) {
     for (const T& item : items) push_back(item);
   }
+  // NOLINTEND(google-explicit-constructor)
   Json(const Json&);
   Json(Json&&) noexcept;
   Json& operator=(const Json&);
