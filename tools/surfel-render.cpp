@@ -294,7 +294,7 @@ std::vector<std::string> draw(surfel::tool::Tool& tool, const Settings& s, Subje
   for (std::size_t i = 0; i < queue.milliseconds().size(); ++i) {
     frames[i]["encode_ms"] = queue.milliseconds()[i];
   }
-  tool.report()["frames"] = std::move(frames);
+  tool.report()["frames"] = frames;
   if (!explanations.empty()) surfel::tool::print(explanations);
   return files;
 }
