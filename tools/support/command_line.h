@@ -77,7 +77,7 @@ class Option {
   std::size_t count() const;
   /// Its values as they were given.
   const std::vector<std::string>& results() const;
-  /// Of a flag: was it given, and not as false?
+  /// Whether a flag was given, and not as false.
   bool is_set() const;
   /// Gives it the values, as if they stood on the command line: of a flag, "true" or "false".
   void give(const std::vector<std::string>& values);

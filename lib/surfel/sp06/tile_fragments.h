@@ -54,8 +54,8 @@ void for_each_part(const TileJob& job, const Visit& visit) {
 
 /// Calls visit(splat, first pixel, PatchSample) for the splats of a part and the patches that their
 /// boxes meet.
-/// \param hidden  null, or a depth for every pixel: splats that lie with all depths within epsilon
-///     of them behind all of a patch's are left out.
+/// \param hidden  null, or a depth for every pixel. A splat is left out of a patch where all depths
+///     within the splat's epsilon lie behind the depths of all the patch's pixels.
 template <class Visit>
 void for_each_patch(const TileJob& job, const TileABuffer& tile, SplatSpan part,
                     const float* hidden, const Visit& visit) {
