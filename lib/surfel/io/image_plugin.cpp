@@ -10,8 +10,6 @@
 #include <vector>
 
 #include <OpenImageIO/filesystem.h>
-#include <OpenImageIO/imagebuf.h>
-#include <OpenImageIO/imagebufalgo.h>
 #include <OpenImageIO/imageio.h>
 #include <fmt/format.h>
 #include <surfel/base/color.h>
@@ -448,16 +446,6 @@ std::vector<unsigned char> encode_image(OIIO::ImageOutput& output, const Image& 
   return {};
 }
 
-// ---------------------------------------------------------------------------------------------
-// Comparing
-
-/// Hands the picture to OpenImageIO without a copy; it is read only, although the constructor does
-/// not say so.
-OIIO::ImageBuf buffer_of(const Image& image) {
-  const OIIO::ImageSpec spec(image.width, image.height, image.channel_count(), OIIO::TypeFloat);
-  return {spec, const_cast<float*>(image.data.data())};
-}
-
 }  // namespace
 }  // namespace surfel
 
@@ -537,21 +525,6 @@ SURFEL_API void surfel_image_plugin_alpha(const std::string& path, bool& alpha) 
   using namespace surfel;
   const Encoding encoding = encoding_of(*make_output(path));
   alpha = encoding == Encoding::kFloatAllChannels || encoding == Encoding::kStraight8;
-}
-
-SURFEL_API void surfel_image_plugin_compare(const surfel::Image& a, const surfel::Image& b,
-                                            int first, int last, float threshold,
-                                            surfel::ChannelDifference& difference) {
-  const OIIO::ROI roi(0, a.width, 0, a.height, 0, 1, first, last);
-  const auto found = OIIO::ImageBufAlgo::compare(surfel::buffer_of(a), surfel::buffer_of(b),
-                                                 threshold, threshold, roi);
-  difference = {.mean_absolute = found.meanerror,
-                .rms = found.rms_error,
-                .maximum = found.maxerror,
-                .x = found.maxx,
-                .y = found.maxy,
-                .channel = found.maxc,
-                .beyond = found.nfail};
 }
 
 }  // extern "C"

@@ -14,15 +14,6 @@ namespace surfel {
 /// channels that the file stores.
 enum class ImageForm { kStraight, kPremultiplied, kRaw, kData };
 
-/// How two pictures differ in some of their channels, as OpenImageIO's compare() measures it.
-struct ChannelDifference {
-  double mean_absolute = 0;
-  double rms = 0;
-  double maximum = 0;
-  int x = 0, y = 0, channel = 0;  ///< Place of the first maximum, row by row.
-  std::size_t beyond = 0;         ///< Pixels with a channel that differs by more than `threshold`.
-};
-
 /// What an EXR file says of its picture beside the pixels.
 struct ExrWindow {
   int first_row = 0;  ///< Of the data window, from the display window's first row on.
@@ -34,9 +25,7 @@ struct ExrWindow {
 /// Functions of the plug-in libsurfel_image.so, which keeps OpenImageIO and its load time away from
 /// tools that see no image but PNG. The first four have the contracts of read_image(),
 /// open_image(), write_image() and image_format_has_alpha(); reading takes over the file at `path`.
-/// The fifth reads an EXR file with ImageForm::kRaw, and its windows, of one width. The last
-/// compares the channels [first, last) of two pictures of equal size and channels, all of
-/// whose values are finite.
+/// The fifth reads an EXR file with ImageForm::kRaw, and its windows, of one width.
 using ReadImageFunction = void(InputFile& file, const std::string& path, ImageForm form,
                                Image& image);
 using OpenImageFunction = void(InputFile& file, const std::string& path,
@@ -44,9 +33,6 @@ using OpenImageFunction = void(InputFile& file, const std::string& path,
 using WriteImageFunction = void(const Image& image, const std::string& path,
                                 const ImageWriteOptions& options);
 using ImageAlphaFunction = void(const std::string& path, bool& alpha);
-using CompareImagesFunction = void(const Image& a, const Image& b, int first, int last,
-                                   float threshold, ChannelDifference& difference);
-
 using ReadExrWindowFunction = void(InputFile& file, const std::string& path, ExrWindow& window,
                                    Image& image);
 
@@ -55,6 +41,5 @@ inline constexpr char kOpenImageSymbol[] = "surfel_image_plugin_open";
 inline constexpr char kWriteImageSymbol[] = "surfel_image_plugin_write";
 inline constexpr char kImageAlphaSymbol[] = "surfel_image_plugin_alpha";
 inline constexpr char kReadExrWindowSymbol[] = "surfel_image_plugin_read_exr_window";
-inline constexpr char kCompareImagesSymbol[] = "surfel_image_plugin_compare";
 
 }  // namespace surfel

@@ -1,5 +1,7 @@
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <vector>
 
 #include <fmt/format.h>
 #include <surfel/base/color.h>
@@ -7,8 +9,6 @@
 #include <surfel/base/error.h>
 #include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
-#include <surfel/base/plugin.h>
-#include <surfel/io/image_plugin.h>
 #include <surfel/truth/image_error.h>
 
 namespace surfel {
@@ -44,30 +44,40 @@ class ColorReader {
   std::array<std::ptrdiff_t, 4> channel_{};
 };
 
-struct Counts {
+/// What some rows of pixels add to an ImageError.
+struct Differences {
   std::size_t compared = 0;
   std::size_t nonfinite = 0;
+  std::size_t beyond = 0;
   std::size_t solid = 0;  ///< Solid pixels of the truth.
   std::size_t holes = 0;
+  double squares = 0;  ///< Sum over the compared pixels' R G B.
+  double absolutes = 0;
+  double alpha_squares = 0;  ///< Sum over all pixels.
+  double maximum = 0;
+  int x = 0, y = 0, channel = 0;  ///< Place of the first maximum.
 
-  Counts& operator+=(const Counts& other) {
-    compared += other.compared;
-    nonfinite += other.nonfinite;
-    solid += other.solid;
-    holes += other.holes;
+  /// Adds what the rows below add.
+  Differences& operator+=(const Differences& below) {
+    compared += below.compared;
+    nonfinite += below.nonfinite;
+    beyond += below.beyond;
+    solid += below.solid;
+    holes += below.holes;
+    squares += below.squares;
+    absolutes += below.absolutes;
+    alpha_squares += below.alpha_squares;
+    take_maximum(below.maximum, below.x, below.y, below.channel);
     return *this;
   }
-};
 
-/// Two pictures whose values settle everything that OpenImageIO's compare() does not know, so that
-/// it fits: it knows no masks, and pixels that are not compared are made equal. It takes two NaN
-/// for equal, leaves the first NaN against a number out of its counts and has NaN for a mean from
-/// the second on: no NaN is left. Its PSNR is relative to the largest value that it meets: rms is
-/// taken from it, and PSNR from rms.
-struct PreparedPair {
-  Image tested;  ///< R G B as compared, A as given.
-  Image truth;
-  Counts counts;
+  void take_maximum(double difference, int at_x, int at_y, int at_channel) {
+    if (!(difference > maximum)) return;
+    maximum = difference;
+    x = at_x;
+    y = at_y;
+    channel = at_channel;
+  }
 };
 
 RgbaArray over(const RgbaArray& p, const RgbaArray& background) {
@@ -90,58 +100,95 @@ RgbaArray encoded(RgbaArray p, ImageEncoding encoding) {
   return p;
 }
 
-Counts prepare_pixel(RgbaArray& a, RgbaArray& b, const ImageErrorOptions& options) {
-  Counts counts;
-  counts.solid = b[3] >= kSolid ? 1 : 0;
-  counts.holes = b[3] >= kSolid && !(a[3] >= kEmpty) ? 1 : 0;
-  const bool inside = std::min(a[3], b[3]) >= kSolid;
-  a = over(a, options.background);
-  b = over(b, options.background);
-  if (!finite_difference(a, b)) {
-    a = {1, 1, 1, 1};
-    b = {0, 0, 0, 0};
-    counts.nonfinite = 1;
-  } else if (options.inside_only && !inside) {
-    a = {0, 0, 0, a[3]};
-    b = {0, 0, 0, b[3]};
-    return counts;
-  } else {
-    a = encoded(a, options.encoding);
-    b = encoded(b, options.encoding);
+/// A pixel of both pictures as it is compared: R G B laid over the background and encoded, A as
+/// given. Colours that are not compared are equal.
+struct PixelPair {
+  RgbaArray tested;
+  RgbaArray truth;
+  bool compared = true;
+  bool finite = true;
+};
+
+PixelPair prepared(RgbaArray tested, RgbaArray truth, const ImageErrorOptions& options) {
+  const bool inside = std::min(tested[3], truth[3]) >= kSolid;
+  tested = over(tested, options.background);
+  truth = over(truth, options.background);
+  if (!finite_difference(tested, truth)) return {{1, 1, 1, 1}, {0, 0, 0, 0}, true, false};
+  if (options.inside_only && !inside) {
+    return {{0, 0, 0, tested[3]}, {0, 0, 0, truth[3]}, false, true};
   }
-  counts.compared = 1;
-  return counts;
+  return {encoded(tested, options.encoding), encoded(truth, options.encoding), true, true};
 }
 
-PreparedPair prepare(const Image& tested, const Image& truth, const ImageErrorOptions& options) {
-  if (const auto problems = options.problems(); !problems.empty()) {
-    throw_usage(fmt::format("{}", fmt::join(problems, "; ")));
+void add_pixel(const PixelPair& pixel, int x, int y, double threshold, Differences& sums) {
+  bool beyond = false;
+  for (int i = 0; i < 4; ++i) {
+    const auto k = static_cast<std::size_t>(i);
+    const double difference = std::abs(static_cast<double>(pixel.tested[k]) - pixel.truth[k]);
+    if (i == 3) {
+      sums.alpha_squares += difference * difference;
+      break;
+    }
+    sums.squares += difference * difference;
+    sums.absolutes += difference;
+    sums.take_maximum(difference, x, y, i);
+    beyond = beyond || difference > threshold;
   }
-  if (tested.width != truth.width || tested.height != truth.height) {
+  sums.compared += pixel.compared ? 1 : 0;
+  sums.nonfinite += pixel.finite ? 0 : 1;
+  sums.beyond += beyond ? 1 : 0;
+}
+
+/// Two pictures that can be compared, read by channel names. Throws as image_error() does.
+class PicturePair {
+ public:
+  PicturePair(const Image& tested, const Image& truth, const ImageErrorOptions& options)
+      : tested_(tested), truth_(truth), width_(tested.width), height_(tested.height) {
+    if (const auto problems = options.problems(); !problems.empty()) {
+      throw_usage(fmt::format("{}", fmt::join(problems, "; ")));
+    }
+    if (width_ == truth.width && height_ == truth.height) return;
     throw_input("", fmt::format("the tested picture has {} x {} pixels and the truth {} x {}; "
                                 "render both at the same size",
-                                tested.width, tested.height, truth.width, truth.height));
+                                width_, height_, truth.width, truth.height));
   }
-  const ColorReader read_tested(tested);
-  const ColorReader read_truth(truth);
-  const int width = tested.width;
-  PreparedPair pair{rgba_image(width, tested.height), rgba_image(width, tested.height), {}};
-  const auto rows = static_cast<std::size_t>(tested.height);
-  std::vector<Counts> partial((rows + kRowsPerRange - 1) / kRowsPerRange);
-  parallel_for(rows, kRowsPerRange, [&](std::size_t begin, std::size_t end, int) {
-    for (int y = static_cast<int>(begin); y < static_cast<int>(end); ++y) {
-      for (int x = 0; x < width; ++x) {
-        RgbaArray a = read_tested(x, y);
-        RgbaArray b = read_truth(x, y);
-        partial[begin / kRowsPerRange] += prepare_pixel(a, b, options);
-        std::copy(a.begin(), a.end(), pair.tested.pixel(x, y));
-        std::copy(b.begin(), b.end(), pair.truth.pixel(x, y));
+
+  /// Calls visit(range, x, y, tested, truth) for each pixel, where ranges of rows run at once.
+  template <class Visit>
+  void for_each_pixel(const Visit& visit) const {
+    const auto rows = static_cast<std::size_t>(height_);
+    parallel_for(rows, kRowsPerRange, [&](std::size_t begin, std::size_t end, int) {
+      for (int y = static_cast<int>(begin); y < static_cast<int>(end); ++y) {
+        for (int x = 0; x < width_; ++x) {
+          visit(begin / kRowsPerRange, x, y, tested_(x, y), truth_(x, y));
+        }
       }
-    }
-  });
-  for (const Counts& counts : partial) pair.counts += counts;
-  return pair;
-}
+    });
+  }
+
+  Differences differences(const ImageErrorOptions& options) const {
+    const auto rows = static_cast<std::size_t>(height_);
+    std::vector<Differences> partial((rows + kRowsPerRange - 1) / kRowsPerRange);
+    for_each_pixel(
+        [&](std::size_t range, int x, int y, const RgbaArray& tested, const RgbaArray& truth) {
+          Differences& sums = partial[range];
+          if (truth[3] >= kSolid) {
+            ++sums.solid;
+            sums.holes += tested[3] >= kEmpty ? 0 : 1;
+          }
+          add_pixel(prepared(tested, truth, options), x, y, options.threshold, sums);
+        });
+    Differences sums;
+    for (const Differences& range : partial) sums += range;
+    return sums;
+  }
+
+ private:
+  ColorReader tested_;
+  ColorReader truth_;
+  int width_;
+  int height_;
+};
 
 double decibels(double rms) { return -20 * portable::log10(rms); }
 
@@ -160,37 +207,28 @@ std::vector<std::string> ImageErrorOptions::problems() const {
 }
 
 ImageError image_error(const Image& tested, const Image& truth, const ImageErrorOptions& options) {
-  const auto [a, b, counts] = prepare(tested, truth, options);
-  if (counts.compared == 0) {
+  const Differences sums = PicturePair(tested, truth, options).differences(options);
+  if (sums.compared == 0) {
     throw_input("", options.inside_only
                         ? "no pixel has an alpha of 0.99 in both pictures; compare all pixels"
                         : "the pictures have no pixels");
   }
-  const auto compare =
-      reinterpret_cast<CompareImagesFunction*>(plugin_symbol("image", kCompareImagesSymbol));
-  const auto threshold = static_cast<float>(options.threshold);
-  ChannelDifference color;
-  ChannelDifference alpha;
-  compare(a, b, 0, 3, threshold, color);
-  compare(a, b, 3, 4, threshold, alpha);
-
-  // The means are over all pixels; pixels that are not compared are equal and count 0.
-  const auto compared = static_cast<double>(counts.compared);
-  const double all_per_compared = static_cast<double>(a.width) * a.height / compared;
+  const auto compared = static_cast<double>(sums.compared);
   ImageError error;
-  error.pixels = counts.compared;
-  error.nonfinite = counts.nonfinite;
-  error.rmse = color.rms * std::sqrt(all_per_compared);
+  error.pixels = sums.compared;
+  error.nonfinite = sums.nonfinite;
+  error.rmse = std::sqrt(sums.squares / (3 * compared));
   error.psnr = decibels(error.rmse);
-  error.mean_absolute = color.mean_absolute * all_per_compared;
-  error.maximum = color.maximum;
-  error.x = color.x;
-  error.y = color.y;
-  error.channel = color.channel;
-  error.beyond = static_cast<double>(color.beyond) / compared;
-  const auto solid = static_cast<double>(std::max<std::size_t>(counts.solid, 1));
-  error.holes = static_cast<double>(counts.holes) / solid;
-  error.alpha_psnr = decibels(alpha.rms);
+  error.mean_absolute = sums.absolutes / (3 * compared);
+  error.maximum = sums.maximum;
+  error.x = sums.x;
+  error.y = sums.y;
+  error.channel = sums.channel;
+  error.beyond = static_cast<double>(sums.beyond) / compared;
+  const auto solid = static_cast<double>(std::max<std::size_t>(sums.solid, 1));
+  error.holes = static_cast<double>(sums.holes) / solid;
+  const double pixels = static_cast<double>(tested.width) * tested.height;
+  error.alpha_psnr = decibels(std::sqrt(sums.alpha_squares / pixels));
   return error;
 }
 
@@ -199,14 +237,20 @@ Image difference_image(const Image& tested, const Image& truth, const ImageError
   if (!(std::isfinite(scale) && scale > 0)) {
     throw_usage(fmt::format("`scale` is {}; it must be finite and greater than 0", scale));
   }
-  const auto [a, b, counts] = prepare(tested, truth, options);
-  Image out = rgba_image(a.width, a.height);
+  const PicturePair pair(tested, truth, options);
+  Image out = rgba_image(tested.width, tested.height);
   const auto factor = static_cast<float>(scale);
   const bool decode = options.encoding == ImageEncoding::kSrgb;
-  for (std::size_t i = 0; i < out.data.size(); ++i) {
-    const float value = factor * std::abs(a.data[i] - b.data[i]);
-    out.data[i] = i % 4 == 3 ? 1.0F : decode ? srgb_to_linear(value) : value;
-  }
+  pair.for_each_pixel(
+      [&](std::size_t /*range*/, int x, int y, const RgbaArray& a, const RgbaArray& b) {
+        const PixelPair pixel = prepared(a, b, options);
+        float* const p = out.pixel(x, y);
+        for (std::size_t i = 0; i < 3; ++i) {
+          const float value = factor * std::abs(pixel.tested[i] - pixel.truth[i]);
+          p[i] = decode ? srgb_to_linear(value) : value;
+        }
+        p[3] = 1;
+      });
   return out;
 }
 
