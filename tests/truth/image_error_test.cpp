@@ -123,7 +123,7 @@ TEST(ImageError, EqualsTheSumsOverAllValues) {
   EXPECT_NEAR(e.maximum, largest, 1e-6);
   EXPECT_NEAR(e.beyond, static_cast<double>(beyond) / pixels, 1e-12);
   const auto seen = [&](const Image& image) {
-    return linear_to_srgb(image.pixel(e.x, e.y)[e.channel]);
+    return double{linear_to_srgb(image.pixel(e.x, e.y)[e.channel])};
   };
   EXPECT_EQ(std::abs(seen(a) - seen(b)), e.maximum);
 }
