@@ -84,7 +84,8 @@ find it by."
 COMPONENTS library DEPENDS libeigen3-dev SUGGESTS surfelkit-doc)
 set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_SHLIBDEPS OFF)
 
-set(about_image "pictures in formats other than PNG, by OpenImageIO")
+set(about_exr "EXR pictures, by OpenEXR")
+set(about_image "pictures in formats other than PNG and EXR, by OpenImageIO")
 set(about_pcd "compressed PCD files, by PCL")
 set(about_gltf "compressed glTF files, by Draco and meshoptimizer")
 set(about_flann "searches for neighbours by FLANN")

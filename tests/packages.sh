@@ -204,7 +204,7 @@ surfelkit.write(\"python.png\", surfelkit.render(surfels, size=(64, 64)))"
   say "worked with the Python module"
 }
 work_with_heavy_plugins() {
-  install libsurfel0-plugin-{image,pcd,gltf,filters,ceres,icp,mpi} surfelkit-view surfelkit-doc
+  install libsurfel0-plugin-{exr,image,pcd,gltf,filters,ceres,icp,mpi} surfelkit-view surfelkit-doc
   run '
     surfel-render sphere.ply -o sphere.jpg --size 64x64
     surfel-estimate /milk.ply --smooth mls -o milk.ply

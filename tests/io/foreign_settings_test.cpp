@@ -22,10 +22,12 @@ TEST(ForeignSettings, OpenImageIoKeepsItsOwn) {
   image.width = image.height = 4;
   image.channels = {"R", "G", "B", "A"};
   image.data.assign(64, 0.5F);
-  write_image(image, folder / "a.exr");
-  read_image(folder / "a.exr");
-  open_image(folder / "a.exr");
-  EXPECT_THROW(read_image(folder / "none.exr"), Error);
+  for (const char* name : {"a.exr", "a.tif"}) {
+    write_image(image, folder / name);
+    read_image(folder / name);
+    open_image(folder / name);
+  }
+  EXPECT_THROW(read_image(folder / "none.tif"), Error);
   for (const auto& [name, value] : mine) EXPECT_EQ(OIIO::get_int_attribute(name), value) << name;
 }
 

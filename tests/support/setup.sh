@@ -12,7 +12,7 @@ surfel_demo_packages=(
 # The plug-ins, and the server of surfel-view. CMake finds OpenImageIO only where its tools are, too.
 surfel_plugin_packages=(
   libceres-dev libcpp-httplib-dev libdraco-dev libembree-dev libflann-dev libimath-dev liblz4-dev libmeshoptimizer-dev
-  libopenimageio-dev libopenmesh-dev libopenmpi-dev libpcl-dev openimageio-tools openmpi-bin
+  libopenexr-dev libopenimageio-dev libopenmesh-dev libopenmpi-dev libpcl-dev openimageio-tools openmpi-bin
 )
 # The Python module.
 surfel_python_packages=(pybind11-dev python3-dev)

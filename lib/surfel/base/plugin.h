@@ -8,7 +8,7 @@ namespace surfel {
 
 /// Number of the interface between the library and its plug-ins. Whoever changes a type or a
 /// function that both sides see raises it.
-inline constexpr int kPluginAbi = 4;
+inline constexpr int kPluginAbi = 5;
 
 /// Name of the function `int()` by which every plug-in tells the number it was compiled with.
 inline constexpr char kPluginAbiSymbol[] = "surfel_plugin_abi";

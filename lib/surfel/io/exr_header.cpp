@@ -6,6 +6,7 @@
 #include <string_view>
 
 #include <surfel/io/exr_header.h>
+#include <surfel/io/image_plugin.h>
 #include <surfel/io/record_table.h>
 
 namespace surfel {
@@ -113,12 +114,12 @@ constexpr std::array<Compression, 10> kCompressions{{{1, 1},
 }  // namespace
 
 std::optional<ExrSize> exr_size(const InputFile& file) {
-  constexpr std::string_view kMagic = "\x76\x2f\x31\x01";
   constexpr std::size_t kLongestHeader = std::size_t{1} << 20;
   const std::string_view head = as_text(file.head(kLongestHeader));
   const std::size_t unread = file.size() - head.size();
   ExrBytes in(head);
-  if (in.take(kMagic.size()) != kMagic) return std::nullopt;
+  if (!is_exr(file)) return std::nullopt;
+  in.number();
   constexpr std::int32_t kMultipart = 0x1000;
   const bool multipart = (in.number() & kMultipart) != 0;
   ExrSize size;

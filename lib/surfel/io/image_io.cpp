@@ -27,17 +27,24 @@ bool is_png_name(const std::string& path) {
          (extension.empty() && std::filesystem::is_other(path, error));
 }
 
+bool is_exr_name(const std::string& path) { return lower_extension(path) == ".exr"; }
+
+/// The plug-in that reads the file.
+const char* plugin_of(const InputFile& file) { return is_exr(file) ? "exr" : "image"; }
+
 Image read_form(InputFile file, const std::string& path, ImageForm form) {
   if (is_png(file)) return read_png(std::move(file), form);
   Image image;
-  const auto read = reinterpret_cast<ReadImageFunction*>(plugin_symbol("image", kReadImageSymbol));
+  const auto read =
+      reinterpret_cast<ReadImageFunction*>(plugin_symbol(plugin_of(file), kReadImageSymbol));
   read(file, path, form, image);
   return image;
 }
 
 std::shared_ptr<ImageReader> open_any(InputFile file, const std::string& path) {
   if (is_png(file)) return open_png(std::move(file));
-  const auto open = reinterpret_cast<OpenImageFunction*>(plugin_symbol("image", kOpenImageSymbol));
+  const auto open =
+      reinterpret_cast<OpenImageFunction*>(plugin_symbol(plugin_of(file), kOpenImageSymbol));
   std::shared_ptr<ImageReader> reader;
   open(file, path, reader);
   return reader;
@@ -97,13 +104,14 @@ void write_image(const Image& image, const std::string& path, const ImageWriteOp
     file.commit();
     return;
   }
+  const char* const plugin = is_exr_name(path) ? "exr" : "image";
   const auto write =
-      reinterpret_cast<WriteImageFunction*>(plugin_symbol("image", kWriteImageSymbol));
+      reinterpret_cast<WriteImageFunction*>(plugin_symbol(plugin, kWriteImageSymbol));
   write(image, path, options);
 }
 
 bool image_format_has_alpha(const std::string& path) {
-  if (is_png_name(path)) return true;
+  if (is_png_name(path) || is_exr_name(path)) return true;
   const auto ask = reinterpret_cast<ImageAlphaFunction*>(plugin_symbol("image", kImageAlphaSymbol));
   bool alpha = false;
   ask(path, alpha);

@@ -17,7 +17,6 @@
 #include <surfel/base/memory.h>
 #include <surfel/base/output_file.h>
 #include <surfel/base/parallel.h>
-#include <surfel/io/exr_header.h>
 #include <surfel/io/geo_tiff.h>
 #include <surfel/io/image_decoding.h>
 #include <surfel/io/image_encoding.h>
@@ -81,19 +80,12 @@ std::string cause(std::string message) {
 // ---------------------------------------------------------------------------------------------
 // Reading
 
-/// Whether the reader hands out colours multiplied by alpha although it was asked not to: OpenEXR's
-/// convention, and TIFF files that are stored so.
+/// Whether the reader hands out colours multiplied by alpha although it was asked not to, as TIFF
+/// files may be stored.
 bool has_associated_alpha(const OIIO::ImageInput& input, const ColorChannels& c) {
   if (c.alpha < 0 || c.alpha == c.red) return false;
-  const std::string format = input.format_name();
-  return (format == "openexr" || format == "tiff") &&
+  return std::string(input.format_name()) == "tiff" &&
          input.spec().get_int_attribute("oiio:UnassociatedAlpha") == 0;
-}
-
-/// Texts that OpenImageIO finds in every EXR file, or makes of it.
-bool is_of_every_file(const std::string& attribute) {
-  return attribute == "DateTime" || attribute == "compression" ||
-         attribute.find(':') != std::string::npos;
 }
 
 /// Reads the pixels as T and converts them.
@@ -139,7 +131,6 @@ std::string format_of(std::span<const std::byte> bytes) {
   const std::string_view start(reinterpret_cast<const char*>(bytes.data()),
                                std::min<std::size_t>(bytes.size(), 12));
   const std::string_view magic = start.substr(0, 4);
-  if (magic == "\x76\x2f\x31\x01") return "openexr";
   if (magic == std::string_view("II*\0", 4) || magic == std::string_view("MM\0*", 4)) return "tiff";
   // A container of chunks, each after its length: WebP is the kind.
   if (magic == "RIFF" && start.ends_with("WEBP")) return "webp";
@@ -181,29 +172,10 @@ void check_flat(const OIIO::ImageSpec& spec, const std::string& path) {
   }
 }
 
-/// Throws Error(kInput) where an OpenEXR file is larger than may be read, or claims pieces that it
-/// cannot hold: OpenEXR takes memory for a piece when it opens the file.
-void check_exr(const InputFile& file) {
-  const std::optional<ExrSize> exr = exr_size(file);
-  if (!exr) return;
-  if (exr->damaged) {
-    throw_input(file.name(),
-                "damaged image: an attribute of its header has another length than its value; "
-                "export it again");
-  }
-  check_pixel_count(exr->pixels, file.name());
-  if (exr->piece_bytes / exr->best_ratio <= file.size()) return;
-  throw_input(file.name(),
-              fmt::format("damaged image: {} x {} pixels in pieces of {} bytes are "
-                          "more than {} bytes can hold; export it again",
-                          exr->pixels.width, exr->pixels.height, exr->piece_bytes, file.size()));
-}
-
 /// A file that has been found to be a flat picture.
 struct OpenedImage {
   OpenedImage(InputFile opened, const std::string& path, std::uint64_t most_megabytes)
       : file(std::move(opened)) {
-    check_exr(file);
     const OpeningSettings settings(most_megabytes);
     OIIO::ImageSpec hints;
     hints.attribute("oiio:UnassociatedAlpha", 1);
@@ -327,15 +299,13 @@ class PluginReader final : public ImageReader {
 
 /// Pixels that a format stores.
 enum class Encoding {
-  kFloatAllChannels,  ///< Linear, premultiplied, AOVs included.
-  kFloatColor,        ///< Linear, premultiplied, R G B.
-  kStraight8,         ///< sRGB, straight alpha; the alpha is left out where it is 1 everywhere.
-  kColor8             ///< sRGB of the premultiplied colour: the picture over black.
+  kFloatColor,  ///< Linear, premultiplied, R G B.
+  kStraight8,   ///< sRGB, straight alpha; the alpha is left out where it is 1 everywhere.
+  kColor8       ///< sRGB of the premultiplied colour: the picture over black.
 };
 
 Encoding encoding_of(const OIIO::ImageOutput& output) {
   const std::string format = output.format_name();
-  if (format == "openexr") return Encoding::kFloatAllChannels;
   if (format == "hdr") return Encoding::kFloatColor;
   return output.supports("alpha") ? Encoding::kStraight8 : Encoding::kColor8;
 }
@@ -358,16 +328,8 @@ std::vector<float> select_color(const Image& image) {
   });
 }
 
-/// OpenEXR's matrices act on row vectors: they are the transposes of ours.
-std::array<float, 16> transposed_matrix(const float* matrix) {
-  std::array<float, 16> transposed{};
-  for (std::size_t i = 0; i < 16; ++i) transposed[i] = matrix[i % 4 * 4 + i / 4];
-  return transposed;
-}
-
 void describe(OIIO::ImageSpec& spec, Encoding encoding, const ImageWriteOptions& options) {
-  const bool floats = encoding == Encoding::kFloatAllChannels || encoding == Encoding::kFloatColor;
-  spec.attribute("oiio:ColorSpace", floats ? "Linear" : "sRGB");
+  spec.attribute("oiio:ColorSpace", encoding == Encoding::kFloatColor ? "Linear" : "sRGB");
   if (encoding == Encoding::kStraight8) spec.attribute("oiio:UnassociatedAlpha", 1);
   for (const auto& [key, value] : options.metadata) spec.attribute(key, value);
   spec.attribute("png:compressionLevel", kPngCompressionLevel);
@@ -376,14 +338,6 @@ void describe(OIIO::ImageSpec& spec, Encoding encoding, const ImageWriteOptions&
   spec.attribute("DateTime", "");
   // libtiff has to read a file back to append Exif tags, which output in memory does not allow.
   spec.attribute("tiff:write_exif", 0);
-  if (options.rows_of) {
-    spec.y = options.rows_of->first_row;
-    spec.full_height = options.rows_of->height;
-  }
-  if (options.world_to_camera.size() == 16) {
-    const std::array<float, 16> transposed = transposed_matrix(options.world_to_camera.data());
-    spec.attribute("worldToCamera", OIIO::TypeMatrix, transposed.data());
-  }
 }
 
 /// The writer for a path's extension. Only writers into memory are taken:
@@ -391,7 +345,8 @@ void describe(OIIO::ImageSpec& spec, Encoding encoding, const ImageWriteOptions&
 std::unique_ptr<OIIO::ImageOutput> make_output(const std::string& path) {
   const std::string extension = std::filesystem::path(path).extension().string();
   auto output = extension.size() > 1 ? OIIO::ImageOutput::create(extension.substr(1)) : nullptr;
-  if (!output || !output->supports("ioproxy")) {
+  const bool exr = output && output->format_name() == std::string_view("openexr");
+  if (!output || exr || !output->supports("ioproxy")) {
     OIIO::geterror();
     const std::string as =
         extension.empty() ? "to a name without extension" : "as '" + extension + "'";
@@ -428,12 +383,6 @@ std::vector<unsigned char> encode_image(OIIO::ImageOutput& output, const Image& 
   OIIO::ImageSpec spec(image.width, image.height, with_alpha ? 4 : 3);
   describe(spec, encoding, options);
   switch (encoding) {
-    case Encoding::kFloatAllChannels:
-      spec.nchannels = image.channel_count();
-      spec.channelnames = image.channels;
-      spec.alpha_channel = find_channel(image.channels, "A");
-      spec.z_channel = find_channel(image.channels, "Z");
-      return encode_file(output, spec, image.data.data(), path);
     case Encoding::kFloatColor:
       return encode_file(output, spec, select_color(image).data(), path);
     case Encoding::kStraight8:
@@ -469,38 +418,6 @@ SURFEL_API void surfel_image_plugin_read(surfel::InputFile& file, const std::str
   }
 }
 
-SURFEL_API void surfel_image_plugin_read_exr_window(surfel::InputFile& file,
-                                                    const std::string& path,
-                                                    surfel::ExrWindow& window,
-                                                    surfel::Image& image) {
-  using namespace surfel;
-  if (!exr_size(file))
-    throw_input(file.name(), "is no EXR file; give parts of a picture, which are");
-  const OpenedImage opened(std::move(file), path, most_megabytes());
-  const OIIO::ImageSpec& spec = opened.input->spec();
-  const std::string& name = opened.file.name();
-  check_fits({static_cast<std::size_t>(spec.width), static_cast<std::size_t>(spec.height)},
-             spec.nchannels, name);
-  if (spec.x != spec.full_x || spec.width != spec.full_width || spec.y < spec.full_y ||
-      spec.y - spec.full_y > spec.full_height - spec.height) {
-    throw_input(name, "its data window is not some of the rows of its display window");
-  }
-  check_pixel_count(
-      {static_cast<std::size_t>(spec.width), static_cast<std::size_t>(spec.full_height)}, name);
-  window.first_row = spec.y - spec.full_y;
-  window.height = spec.full_height;
-  for (const OIIO::ParamValue& attribute : spec.extra_attribs) {
-    const std::string key = attribute.name().string();
-    if (key == "worldToCamera" && attribute.type() == OIIO::TypeMatrix) {
-      const auto matrix = transposed_matrix(static_cast<const float*>(attribute.data()));
-      window.world_to_camera.assign(matrix.begin(), matrix.end());
-    } else if (attribute.type() == OIIO::TypeString && !is_of_every_file(key)) {
-      window.metadata.emplace_back(key, attribute.get_string());
-    }
-  }
-  image = read_pixels<float>(*opened.input, name, ImageForm::kRaw);
-}
-
 SURFEL_API void surfel_image_plugin_open(surfel::InputFile& file, const std::string& path,
                                          std::shared_ptr<surfel::ImageReader>& reader) {
   reader = std::make_shared<surfel::PluginReader>(std::move(file), path);
@@ -523,8 +440,7 @@ SURFEL_API void surfel_image_plugin_write(const surfel::Image& image, const std:
 
 SURFEL_API void surfel_image_plugin_alpha(const std::string& path, bool& alpha) {
   using namespace surfel;
-  const Encoding encoding = encoding_of(*make_output(path));
-  alpha = encoding == Encoding::kFloatAllChannels || encoding == Encoding::kStraight8;
+  alpha = encoding_of(*make_output(path)) == Encoding::kStraight8;
 }
 
 }  // extern "C"

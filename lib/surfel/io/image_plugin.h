@@ -3,6 +3,9 @@
 #include <cstddef>
 #include <memory>
 #include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
 
 #include <surfel/io/image_io.h>
 #include <surfel/io/input_file.h>
@@ -22,10 +25,11 @@ struct ExrWindow {
   std::vector<std::pair<std::string, std::string>> metadata;  ///< Texts that write_image() wrote.
 };
 
-/// Functions of the plug-in libsurfel_image.so, which keeps OpenImageIO and its load time away from
-/// tools that see no image but PNG. The first four have the contracts of read_image(),
-/// open_image(), write_image() and image_format_has_alpha(); reading takes over the file at `path`.
-/// The fifth reads an EXR file with ImageForm::kRaw, and its windows, of one width.
+/// Functions of the plug-ins libsurfel_exr.so and libsurfel_image.so, which keep OpenEXR and
+/// OpenImageIO, with its load time, away from tools that see no image but PNG. The first three have
+/// the contracts of read_image(), open_image() and write_image(); reading takes over the file at
+/// `path`. The fourth, of `image`, has the contract of image_format_has_alpha(). The fifth, of
+/// `exr`, reads a file with ImageForm::kRaw, and its windows, of one width.
 using ReadImageFunction = void(InputFile& file, const std::string& path, ImageForm form,
                                Image& image);
 using OpenImageFunction = void(InputFile& file, const std::string& path,
@@ -33,13 +37,18 @@ using OpenImageFunction = void(InputFile& file, const std::string& path,
 using WriteImageFunction = void(const Image& image, const std::string& path,
                                 const ImageWriteOptions& options);
 using ImageAlphaFunction = void(const std::string& path, bool& alpha);
-using ReadExrWindowFunction = void(InputFile& file, const std::string& path, ExrWindow& window,
-                                   Image& image);
+using ReadWindowFunction = void(InputFile& file, ExrWindow& window, Image& image);
 
 inline constexpr char kReadImageSymbol[] = "surfel_image_plugin_read";
 inline constexpr char kOpenImageSymbol[] = "surfel_image_plugin_open";
 inline constexpr char kWriteImageSymbol[] = "surfel_image_plugin_write";
 inline constexpr char kImageAlphaSymbol[] = "surfel_image_plugin_alpha";
-inline constexpr char kReadExrWindowSymbol[] = "surfel_image_plugin_read_exr_window";
+inline constexpr char kReadWindowSymbol[] = "surfel_image_plugin_read_window";
+
+/// Does the content start as an EXR file does?
+inline bool is_exr(const InputFile& file) {
+  constexpr std::string_view kMagic = "\x76\x2f\x31\x01";
+  return as_text(file.head(kMagic.size())).starts_with(kMagic);
+}
 
 }  // namespace surfel

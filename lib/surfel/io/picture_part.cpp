@@ -21,11 +21,11 @@ constexpr char kMadeBy[] = "surfelMadeBy";
 std::pair<PartHeader, Image> read_part(const std::string& path) {
   InputFile file(path);
   const std::string name = file.name();
-  const auto read =
-      reinterpret_cast<ReadExrWindowFunction*>(plugin_symbol("image", kReadExrWindowSymbol));
+  if (!is_exr(file)) throw_input(name, "is no EXR file; give parts of a picture, which are");
+  const auto read = reinterpret_cast<ReadWindowFunction*>(plugin_symbol("exr", kReadWindowSymbol));
   ExrWindow window;
   Image image;
-  read(file, path, window, image);
+  read(file, window, image);
   PartHeader header{.height = window.height, .world_to_camera = window.world_to_camera};
   std::optional<PartNumber> part;
   for (const auto& [key, value] : window.metadata) {
