@@ -26,9 +26,10 @@ SURFEL_API std::string plugin_advice(const std::string& name);
 
 /// Loads the plug-in library `libsurfel_<name>.so` that stands beside this library (or in its
 /// folder `surfel/` where installed), once, and returns the address of its symbol. Libraries that
-/// take long to load (OpenImageIO: 0.2 to 0.7 s, PCL's files) live in plug-ins, so that a run that does
-/// not need them does not pay for them. Throws Error(kIo) as open_plugin() does, with the advice
-/// where the file is missing, or if the symbol is. May be called from several threads at once.
+/// take long to load (OpenImageIO: 0.2 to 0.7 s, PCL's files) live in plug-ins, so that a run that
+/// does not need them does not pay for them. Throws Error(kIo) as open_plugin() does, with the
+/// advice where the file is missing, or if the symbol is. May be called from several threads at
+/// once.
 SURFEL_API void* plugin_symbol(const std::string& name, const char* symbol);
 
 }  // namespace surfel
