@@ -138,13 +138,15 @@ struct ChannelModels {
 template <class Coder>
 class LongPointCoder {
  public:
-  LongPointCoder(std::span<Layer<Coder>> layers, const std::byte* first) : layers_(layers) {
+  /// \param version  PointLayout::layered_version
+  LongPointCoder(std::span<Layer<Coder>> layers, const std::byte* first, int version)
+      : layers_(layers), version_(version) {
     const LongPoint point = LongPoint::load(first);
     channel_ = point.channel();
     models_[channel_] = std::make_unique<ChannelModels>(point);
   }
 
-  /// Codes a point; returns its scanner channel.
+  /// Codes a point; returns the scanner channel whose models its other items have.
   unsigned code(std::byte* bytes) {
     LongPoint now;
     if constexpr (!Coder::kDecodes) now = LongPoint::load(bytes);
@@ -162,7 +164,8 @@ class LongPointCoder {
     m.last = point;
     m.time_changed = time_changed;
     if constexpr (Coder::kDecodes) point.store(bytes);
-    return channel_;
+    // LASzip's items of version 3 pass the channel on only where it changes, and 0 elsewhere.
+    return version_ >= 4 || (changed & 64) != 0 ? channel_ : 0;
   }
 
  private:
@@ -291,6 +294,7 @@ class LongPointCoder {
   }
 
   std::span<Layer<Coder>> layers_;
+  int version_;
   unsigned channel_;
   std::array<std::unique_ptr<ChannelModels>, 4> models_;
 };
@@ -333,7 +337,7 @@ class LayeredCodec {
  public:
   /// \param layers  as many as layer_count() says; kept as a reference
   LayeredCodec(const PointLayout& layout, const std::byte* first, std::span<Layer<Coder>> layers)
-      : layers_(layers), base_(layers, first) {
+      : layers_(layers), base_(layers, first, layout.layered_version) {
     const bool own_last = layout.layered_version >= 4;
     const unsigned channel = LongPoint::load(first).channel();
     std::size_t at = LongPoint::kBytes;

@@ -8,8 +8,9 @@ namespace surfel::laz {
 struct PointLayout {
   int format = 0;          ///< LAS point format, 0 to 10.
   std::size_t bytes = 20;  ///< Of a point, extra bytes with it.
-  /// The version of the items that formats from 6 on consist of, 3 or 4: in the older one the first
-  /// point after a change of the scanner channel is predicted from the channel before.
+  /// The version of the items that formats from 6 on consist of, 3 or 4. In the older one, what
+  /// stands behind the first 30 bytes of a point has the models of channel 0 unless the point's
+  /// scanner channel has just changed, and is predicted from the point before where models change.
   int layered_version = 3;
 
   bool layered() const { return format >= 6; }
