@@ -2,9 +2,9 @@
 
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
+#include <surfel/base/process.h>
 #include <surfel/chart/chart_judge.h>
 #include <surfel/chart/chart_report.h>
-#include <surfel/chart/process.h>
 #include <surfel/io/image_io.h>
 #include <surfel/scene/image.h>
 

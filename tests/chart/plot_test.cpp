@@ -2,8 +2,8 @@
 
 #include <gtest/gtest.h>
 #include <surfel/base/error.h>
+#include <surfel/base/process.h>
 #include <surfel/chart/plot.h>
-#include <surfel/chart/process.h>
 
 #include "support/test_data.h"
 

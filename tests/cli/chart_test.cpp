@@ -4,7 +4,7 @@
 
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
-#include <surfel/chart/process.h>
+#include <surfel/base/process.h>
 #include <surfel/chart/sweeps.h>
 
 #include "support/run_tool.h"

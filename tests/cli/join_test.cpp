@@ -3,7 +3,7 @@
 
 #include <fmt/format.h>
 #include <gtest/gtest.h>
-#include <surfel/chart/process.h>
+#include <surfel/base/process.h>
 
 #include "support/run_tool.h"
 #include "support/test_data.h"

@@ -6,7 +6,7 @@
 
 #include <fmt/format.h>
 #include <gtest/gtest.h>
-#include <surfel/chart/process.h>
+#include <surfel/base/process.h>
 #include <surfel/io/image_io.h>
 #include <surfel/scene/framing.h>
 

@@ -7,7 +7,7 @@
 #include <string>
 
 #include <gtest/gtest.h>
-#include <surfel/chart/process.h>
+#include <surfel/base/process.h>
 
 #include "support/run_tool.h"
 

@@ -10,8 +10,8 @@
 #include <fmt/format.h>
 #include <surfel/base/error.h>
 #include <surfel/base/output_file.h>
+#include <surfel/base/process.h>
 #include <surfel/base/shell_quote.h>
-#include <surfel/chart/process.h>
 
 namespace surfel::tool {
 namespace {

@@ -6,9 +6,9 @@
 #include <surfel/base/elementary.h>
 #include <surfel/base/error.h>
 #include <surfel/base/output_file.h>
+#include <surfel/base/process.h>
 #include <surfel/base/whole_file.h>
 #include <surfel/chart/plot.h>
-#include <surfel/chart/process.h>
 
 namespace surfel {
 namespace {

@@ -5,10 +5,11 @@
 
 #include <nlohmann/json.hpp>
 #include <surfel/base/error.h>
+#include <surfel/base/process.h>
 #include <surfel/base/shell_quote.h>
-#include <surfel/chart/process.h>
 #include <surfel/chart/tool_run.h>
 #include <surfel/io/image_io.h>
+#include <surfel/io/named_file.h>
 
 namespace surfel {
 namespace {
@@ -87,6 +88,7 @@ ToolRun ToolRunner::run(const std::vector<std::string>& words, const std::string
   if (reads_images(words[0]) && std::count(words.begin(), words.end(), limit) == 0) {
     command.insert(command.end(), {limit, std::to_string(most_image_pixels())});
   }
+  if (reads_images(words[0]) && outside_allowed()) command.emplace_back("--allow-outside");
   const ProcessResult process = run_process(command, folder_);
   ToolRun result;
   if (process.exit_code == 0) {

@@ -1,9 +1,9 @@
 // Real spherical harmonics as the code of 3D Gaussian splatting (Kerbl et al. 2023) has them for
 // degrees 0 to 3, and gsplat (Ye et al. 2024) for degree 4.
 
-#include <Eigen/Dense>
 #include <cmath>
 #include <numbers>
+#include <vector>
 
 #include <surfel/base/elementary.h>
 #include <surfel/scene/harmonic_rotation.h>
@@ -11,23 +11,46 @@
 namespace surfel {
 namespace {
 
-/// Directions that are spread over the sphere, more than the harmonics of any degree, so that these
-/// are told apart by their values there: a spiral by the golden angle.
-std::vector<Vec3d> spread_directions() {
-  constexpr int kCount = 32;
-  std::vector<Vec3d> directions;
-  for (int k = 0; k < kCount; ++k) {
-    const double z = 1 - (2 * k + 1.0) / kCount;
-    const double angle = k * std::numbers::pi * (3 - std::sqrt(5.0));
+struct WeightedDirection {
+  Vec3d direction;
+  double weight;
+};
+
+/// Directions whose weighted sum is the integral over the sphere of each product of two harmonics
+/// up to degree 4: the Gauss-Legendre rule of five heights, with nine directions at each.
+std::vector<WeightedDirection> quadrature() {
+  static_assert(GaussianCloud::kMostDegree == 4);
+  constexpr int kAround = 9;
+  const double root = 2 * std::sqrt(10.0 / 7);
+  const double near_height = std::sqrt(5 - root) / 3;
+  const double far_height = std::sqrt(5 + root) / 3;
+  const double near_weight = (322 + 13 * std::sqrt(70.0)) / 900;
+  const double far_weight = (322 - 13 * std::sqrt(70.0)) / 900;
+  std::vector<WeightedDirection> directions;
+  const auto add = [&](double z, double weight) {
     const double radius = std::sqrt(1 - z * z);
-    directions.emplace_back(radius * portable::cos(angle), radius * portable::sin(angle), z);
+    for (int k = 0; k < kAround; ++k) {
+      const double angle = 2 * std::numbers::pi * k / kAround;
+      directions.push_back({{radius * portable::cos(angle), radius * portable::sin(angle), z},
+                            weight * 2 * std::numbers::pi / kAround});
+    }
+  };
+  add(0, 128.0 / 225);
+  for (const double sign : {-1.0, 1.0}) {
+    add(sign * near_height, near_weight);
+    add(sign * far_height, far_weight);
   }
   return directions;
 }
 
-/// The harmonics of degree `degree` alone.
-auto band(const std::array<double, kMostHarmonics>& all, int degree) {
-  return Eigen::Map<const Eigen::RowVectorXd>(all.data() + degree * degree, 2 * degree + 1);
+/// Calls function(i, j) with the places of any two harmonics of the same degree, from degree 1 on.
+template <class Function>
+void for_each_pair(std::size_t degree, const Function& function) {
+  for (std::size_t l = 1; l <= degree; ++l) {
+    for (std::size_t i = l * l; i < (l + 1) * (l + 1); ++i) {
+      for (std::size_t j = l * l; j < (l + 1) * (l + 1); ++j) function(i, j);
+    }
+  }
 }
 
 }  // namespace
@@ -66,31 +89,27 @@ std::array<double, kMostHarmonics> harmonics_of(const Vec3d& direction) {
           0.6258357354491761 * (xx * (xx - 3 * yy) - yy * (3 * xx - yy))};
 }
 
-HarmonicRotation::HarmonicRotation(const Eigen::Matrix3d& rotation, int degree) {
-  // The turned function's value in a direction is the function's in the direction turned back. The
-  // harmonics of a degree stay among themselves: the coefficients are those that give the values in
-  // enough directions.
-  const std::vector<Vec3d> directions = spread_directions();
-  const auto rows = static_cast<Eigen::Index>(directions.size());
-  for (int l = 1; l <= degree; ++l) {
-    Eigen::MatrixXd values(rows, 2 * l + 1);
-    Eigen::MatrixXd turned(rows, 2 * l + 1);
-    for (Eigen::Index i = 0; i < rows; ++i) {
-      const Vec3d& direction = directions[static_cast<std::size_t>(i)];
-      values.row(i) = band(harmonics_of(direction), l);
-      turned.row(i) = band(harmonics_of(rotation.transpose() * direction), l);
-    }
-    const Eigen::MatrixXd gram = values.transpose() * values;
-    bands_.emplace_back(gram.ldlt().solve(values.transpose() * turned));
+HarmonicRotation::HarmonicRotation(const Eigen::Matrix3d& rotation, int degree)
+    : degree_(static_cast<std::size_t>(degree)) {
+  // The turned function's value in a direction is the function's in the direction turned back, and
+  // the harmonics are orthonormal.
+  for (const auto& [direction, weight] : quadrature()) {
+    const auto values = harmonics_of(direction);
+    const auto turned = harmonics_of(rotation.transpose() * direction);
+    for_each_pair(degree_, [&, w = weight](std::size_t i, std::size_t j) {
+      matrix_[i][j] += w * values[i] * turned[j];
+    });
   }
 }
 
 void HarmonicRotation::turn(float* harmonics) const {
-  for (std::size_t k = 0; k < bands_.size(); ++k) {
-    const auto l = static_cast<Eigen::Index>(k + 1);
-    using Colors = Eigen::Matrix<float, Eigen::Dynamic, 3, Eigen::RowMajor>;
-    Eigen::Map<Colors> colors(harmonics + 3 * l * l, 2 * l + 1, 3);
-    colors = (bands_[k] * colors.cast<double>()).cast<float>().eval();
+  std::array<Vec3d, kMostHarmonics> turned;
+  turned.fill(Vec3d::Zero());
+  for_each_pair(degree_, [&](std::size_t i, std::size_t j) {
+    turned[i] += matrix_[i][j] * Eigen::Map<const Vec3f>(harmonics + 3 * j).cast<double>();
+  });
+  for (std::size_t i = 1; i < (degree_ + 1) * (degree_ + 1); ++i) {
+    Eigen::Map<Vec3f>(harmonics + 3 * i) = turned[i].cast<float>();
   }
 }
 

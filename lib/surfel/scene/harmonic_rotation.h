@@ -2,7 +2,7 @@
 
 #include <Eigen/Core>
 #include <array>
-#include <vector>
+#include <cstddef>
 
 #include <surfel/base/export.h>
 #include <surfel/scene/gaussian_cloud.h>
@@ -26,9 +26,9 @@ class HarmonicRotation {
   void turn(float* harmonics) const;
 
  private:
-  /// The matrix of each degree from 1 on, which takes a function's coefficients to the turned
-  /// function's.
-  std::vector<Eigen::MatrixXd> bands_;
+  std::size_t degree_;
+  /// Takes a function's coefficients to the turned function's; zero where degrees differ.
+  std::array<std::array<double, kMostHarmonics>, kMostHarmonics> matrix_{};
 };
 
 }  // namespace surfel

@@ -1,6 +1,6 @@
 #include <gtest/gtest.h>
 #include <surfel/base/error.h>
-#include <surfel/chart/process.h>
+#include <surfel/base/process.h>
 
 #include "support/test_data.h"
 

@@ -12,7 +12,7 @@
 #include <spawn.h>
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
-#include <surfel/chart/process.h>
+#include <surfel/base/process.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
