@@ -78,8 +78,8 @@ void RangeEncoder::finish() {
   move(wide ? kLeastLength : kLeastLength / 2);
   length_ = wide ? kLeastLength / 2 : kLeastLength / 512;
   write_settled();
-  // Decoders read four bytes ahead.
-  bytes_.insert(bytes_.end(), 3, 0);
+  // Decoders read four bytes ahead, and look for the next chunk right behind them.
+  bytes_.insert(bytes_.end(), wide ? 3 : 2, 0);
 }
 
 RangeDecoder::RangeDecoder(std::span<const std::byte> bytes)
