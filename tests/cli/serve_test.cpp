@@ -1,10 +1,14 @@
 // surfel-view --serve: how it begins, answers and ends.
 
+#include <atomic>
+#include <chrono>
 #include <csignal>
 #include <filesystem>
 #include <fstream>
+#include <memory>
 #include <string>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include <arpa/inet.h>
@@ -37,6 +41,10 @@ class Connection {
   bool connected() const { return connected_; }
   void send_text(const std::string& text) const {
     EXPECT_GE(send(socket_, text.data(), text.size(), MSG_NOSIGNAL), 0);
+  }
+  /// Whether the other side still takes bytes.
+  bool takes(const std::string& text) const {
+    return send(socket_, text.data(), text.size(), MSG_NOSIGNAL) >= 0;
   }
   /// All that comes until the other side closes.
   std::string answer() const {
@@ -71,9 +79,10 @@ class Serve : public testing::Test {
   }
   /// Serves a file with levels, calls visit(port, "/TOKEN/"), and ends the server by a signal.
   template <class Visit>
-  void serve(int signal, const Visit& visit) const {
+  void serve(int signal, const Visit& visit) {
     const std::string told = folder_ / "address";
     const RunSetup setup{.input = {}, .meanwhile = [&](pid_t process) {
+                           process_ = process;
                            std::string address;
                            wait_until([&] {
                              std::ifstream(told) >> address;
@@ -92,7 +101,17 @@ class Serve : public testing::Test {
     EXPECT_EQ(result.exit_code, 0) << result.signal << result.errors;
     EXPECT_FALSE(contains(result.errors, "error")) << result.errors;
   }
+  /// Most memory that the server has had, in MB.
+  double most_memory() const {
+    std::ifstream status("/proc/" + std::to_string(process_) + "/status");
+    std::string word;
+    double kilobytes = 0;
+    while (status >> word && word != "VmHWM:") continue;
+    status >> kilobytes;
+    return kilobytes / 1024;
+  }
   TemporaryFolder folder_;
+  pid_t process_ = 0;
 };
 
 TEST_F(Serve, AnswersWhoKnowsTheTokenUntilASignal) {
@@ -126,6 +145,67 @@ TEST_F(Serve, OutlivesBadRequestsAndLostClients) {
     }
     for (std::thread& thread : threads) thread.join();
     for (const int each : answered) EXPECT_EQ(each, 1);
+  });
+}
+
+std::string status_of(int port, const std::string& request) {
+  const Connection connection(port);
+  connection.send_text(request);
+  return connection.answer().substr(0, 12);
+}
+
+TEST_F(Serve, RefusesOtherMethodsBodiesAndRanges) {
+  serve(SIGTERM, [](int port, const std::string& root) {
+    const std::string head = root + " HTTP/1.1\r\nHost: x\r\n";
+    for (const char* method : {"POST", "PUT", "PATCH", "DELETE", "OPTIONS", "HEAD"}) {
+      EXPECT_EQ(status_of(port, std::string(method) + " " + head + "\r\n"), "HTTP/1.1 405")
+          << method;
+    }
+    EXPECT_EQ(status_of(port, "GET " + head + "Content-Length: 3\r\n\r\nabc"), "HTTP/1.1 413");
+    EXPECT_EQ(status_of(port, "GET " + head + "Transfer-Encoding: chunked\r\n\r\n"),
+              "HTTP/1.1 413");
+    std::string ranges = "0-1";
+    while (ranges.size() < 7000) ranges += ",0-";
+    for (const std::string& range : {std::string("0-9"), std::string("5-2"), ranges}) {
+      EXPECT_EQ(status_of(port, "GET " + head + "Range: bytes=" + range + "\r\n\r\n"),
+                "HTTP/1.1 416");
+    }
+    // Bodies that a client sends all the same do not cost it the answer.
+    EXPECT_EQ(status_of(port, "POST " + head + "\r\n" + std::string(100000, 'a')), "HTTP/1.1 405");
+    EXPECT_EQ(status_of(port, "GET " + head + "Content-Length: 0\r\n\r\n"), "HTTP/1.1 200");
+  });
+}
+
+TEST_F(Serve, FloodsHoldNoMemoryAndGiveWay) {
+  serve(SIGTERM, [this](int port, const std::string& root) {
+    // Bodies without a length, lines without an end, headers without number.
+    const double before = most_memory();
+    std::string headers;
+    while (headers.size() < 1 << 20) headers += "X: a\r\n";
+    const std::string line(1 << 20, 'a');
+    for (const auto& [begin, more] :
+         {std::pair("POST " + root + " HTTP/1.1\r\nHost: x\r\n\r\n", line),
+          std::pair("GET /" + line, line), std::pair("GET / HTTP/1.1\r\nX: " + line, line),
+          std::pair("GET / HTTP/1.1\r\n" + headers, headers)}) {
+      const Connection connection(port);
+      connection.send_text(begin);
+      for (int i = 0; i < 64 && connection.takes(more); ++i) continue;
+    }
+    EXPECT_GT(before, 1);
+    EXPECT_LT(most_memory() - before, 8);
+    // As many connections as are held, which send a header byte by byte.
+    std::vector<std::unique_ptr<Connection>> slow;
+    for (int i = 0; i < 36; ++i) slow.push_back(std::make_unique<Connection>(port));
+    std::atomic<bool> done{false};
+    std::thread trickle([&] {
+      while (!done) {
+        for (const auto& connection : slow) connection->takes("a");
+        std::this_thread::sleep_for(std::chrono::milliseconds(50));
+      }
+    });
+    EXPECT_TRUE(contains(get(port, root), "200 OK"));
+    done = true;
+    trickle.join();
   });
 }
 
