@@ -41,4 +41,17 @@ inline std::vector<double> values_of(const SurfelCloud& cloud, const std::string
   return std::vector<double>(cloud.size());
 }
 
+/// Expects the positions, colours and columns of both to be equal.
+inline void expect_same(const SurfelCloud& a, const SurfelCloud& b, const std::string& what) {
+  ASSERT_EQ(a.size(), b.size()) << what;
+  for (std::size_t i = 0; i < a.size(); ++i) ASSERT_EQ(a.world(i), b.world(i)) << what;
+  EXPECT_EQ(a.color, b.color) << what;
+  EXPECT_EQ(a.color_encoding, b.color_encoding) << what;
+  ASSERT_EQ(a.extra.size(), b.extra.size()) << what;
+  for (std::size_t k = 0; k < a.extra.size(); ++k) {
+    EXPECT_EQ(a.extra[k].name, b.extra[k].name) << what;
+    EXPECT_TRUE(a.extra[k].data == b.extra[k].data) << what << ", " << a.extra[k].name;
+  }
+}
+
 }  // namespace surfel::test

@@ -7,6 +7,8 @@
 #include <string>
 #include <vector>
 
+#include <surfel/io/laz_points.h>
+#include <surfel/laz/chunk_table.h>
 #include <surfel/laz/laz_chunk.h>
 
 namespace surfel::test {
@@ -20,9 +22,8 @@ enum class PointKind {
 
 /// Points of a LAS format as the file's bytes.
 inline std::vector<std::byte> made_points(const laz::PointLayout& layout, std::size_t count,
-                                          PointKind kind) {
+                                          PointKind kind, std::uint32_t state = 12345) {
   std::vector<std::byte> points(count * layout.bytes);
-  std::uint32_t state = 12345;
   const auto random = [&](std::uint32_t below) {
     state = state * 1664525 + 1013904223;
     return (state >> 8) % below;
@@ -95,6 +96,13 @@ inline std::vector<std::byte> made_points(const laz::PointLayout& layout, std::s
   return points;
 }
 
+/// Layout of a point format with so many extra bytes.
+inline laz::PointLayout layout_of(int format, std::size_t extra = 0) {
+  laz::PointLayout layout{.format = format};
+  layout.bytes = layout.format_bytes() + extra;
+  return layout;
+}
+
 /// A LAS or LAZ file with blocks before its points, as another program writes it.
 struct LasFileMaker {
   laz::PointLayout layout;
@@ -149,5 +157,45 @@ struct LasFileMaker {
     std::memcpy(bytes.data() + at, &value, sizeof(value));
   }
 };
+
+/// Where the file says that its chunks are listed.
+enum class TableAt { kInFront, kAtTheEnd };
+
+/// The maker's points as LAZ in chunks of these numbers of points; one number is for all chunks.
+inline std::string laz_of(const LasFileMaker& maker, const std::vector<std::uint32_t>& counts,
+                          TableAt place = TableAt::kInFront) {
+  const bool variable = counts.size() > 1;
+  std::string chunks;
+  std::vector<laz::ChunkSize> sizes;
+  for (std::size_t first = 0; first < maker.count();) {
+    const std::size_t wanted = counts[variable ? sizes.size() : 0];
+    const std::size_t count = std::min(wanted, maker.count() - first);
+    const auto chunk =
+        laz::encode_chunk(maker.layout, maker.points.data() + first * maker.layout.bytes, count);
+    chunks.append(chunk.begin(), chunk.end());
+    sizes.push_back({static_cast<std::uint32_t>(count), static_cast<std::uint32_t>(chunk.size())});
+    first += count;
+  }
+  const auto table = laz::encode_chunk_table(sizes, variable);
+  const std::string laszip =
+      laszip_block(maker.layout, variable ? ~std::uint32_t{0} : counts.front());
+  std::string tail(8, '\xFF');
+  const std::size_t begin = maker.file("", true, laszip).size();
+  const std::uint64_t table_at = begin + 8 + chunks.size();
+  if (place == TableAt::kInFront) LasFileMaker::put(tail, 0, table_at);
+  tail += chunks + std::string(table.begin(), table.end());
+  if (place == TableAt::kAtTheEnd) {
+    tail.resize(tail.size() + 8);
+    LasFileMaker::put(tail, tail.size() - 8, table_at);
+  }
+  return maker.file(tail, true, laszip);
+}
+
+/// The points of a LAS file, without its header.
+inline std::string points_in(const std::string& las) {
+  std::uint32_t begin = 0;
+  std::memcpy(&begin, las.data() + 96, sizeof(begin));
+  return las.substr(begin);
+}
 
 }  // namespace surfel::test

@@ -43,6 +43,8 @@ surfel_packages=(
   # The sanitizers.
   clang-14 libclang-rt-14-dev
 )
+# Tests read our LAZ files by a module of npm, whichever npm there is.
+if ! command -v npm >/dev/null; then surfel_packages+=(nodejs npm); fi
 
 surfel_install_packages() {
   local missing=() package

@@ -1,0 +1,161 @@
+// LAZ beside other programs: what we write is read by laz-perf, and we read what LASzip wrote.
+
+#include <cstring>
+#include <filesystem>
+#include <random>
+#include <span>
+
+#include <fmt/format.h>
+#include <gtest/gtest.h>
+
+#include "io/cloud_of_bytes.h"
+#include "support/cases.h"
+#include "support/las_points.h"
+#include "support/run_tool.h"
+
+namespace surfel::test {
+namespace {
+
+/// Whole numbers from 0 to `most` - 1.
+class Draw {
+ public:
+  explicit Draw(unsigned seed) : state_(seed) {}
+  unsigned operator()(unsigned most) { return static_cast<unsigned>(state_() % most); }
+
+ private:
+  std::mt19937 state_;
+};
+
+/// A file with points of several scanner channels.
+struct ChannelFile {
+  std::string what;
+  LasFileMaker maker;
+  std::vector<std::uint32_t> chunks;  ///< As laz_of() takes them.
+};
+
+/// Sets the scanner channels of points of formats from 6 on: another one comes after about `stay`
+/// points.
+void set_channels(LasFileMaker& maker, unsigned stay, Draw& draw) {
+  unsigned channel = draw(4);
+  for (std::size_t i = 0; i < maker.count(); ++i) {
+    if (i > 0 && draw(stay) == 0) channel = (channel + 1 + draw(3)) % 4;
+    std::byte& flags = maker.points[i * maker.layout.bytes + 15];
+    flags = (flags & std::byte{0xCF}) | static_cast<std::byte>(channel << 4);
+  }
+}
+
+/// Files of a point format, with points and chunks of many kinds.
+std::vector<ChannelFile> channel_files(int format, int count) {
+  Draw draw(static_cast<unsigned>(format));
+  std::vector<ChannelFile> files;
+  for (int k = 0; k < count; ++k) {
+    const auto kind = static_cast<PointKind>(draw(3));
+    const std::size_t extra = draw(3) == 0 ? 0 : draw(7);
+    const unsigned stay = 1 + draw(2) * draw(40);
+    const std::size_t points = 1 + draw(draw(4) == 0 ? 3 : 400);
+    ChannelFile file;
+    file.what =
+        fmt::format("format {}, case {}: {} points of kind {}, {} extra bytes, {} of a channel",
+                    format, k, points, static_cast<int>(kind), extra, stay);
+    file.maker.layout = layout_of(format, extra);
+    file.maker.points = made_points(file.maker.layout, points, kind, draw(1000));
+    if (file.maker.layout.layered()) set_channels(file.maker, stay, draw);
+    if (draw(2) == 0) {
+      file.chunks = {20 + draw(130)};
+    } else {
+      for (std::size_t sum = 0; sum < points; sum += file.chunks.back()) {
+        file.chunks.push_back(1 + draw(draw(2) == 0 ? 3 : 200));
+      }
+      file.chunks.push_back(1);
+    }
+    files.push_back(std::move(file));
+  }
+  return files;
+}
+
+/// Reads LAZ files by laz-perf of npm, which leaves the points of each in FILE.points.
+RunResult run_laz_perf(const Words& files) {
+  const auto modules = std::filesystem::path(SURFEL_TOOL_DIR).parent_path() / "tests/npm";
+  Words command = {"sh", SURFEL_SOURCE_DIR "/tests/laz/npm/read_laz.sh", modules};
+  command.insert(command.end(), files.begin(), files.end());
+  return run(command);
+}
+
+constexpr int kNoLazPerf = 77;
+
+TEST(LazPeers, LazPerfReadsWhatWeWriteOfEveryFormat) {
+  const TemporaryFolder folder;
+  std::vector<ChannelFile> files;
+  Words paths;
+  for (const int format : {0, 1, 2, 3, 6, 7, 8}) {
+    for (ChannelFile& file : channel_files(format, cases(8))) {
+      paths.push_back(folder / fmt::format("{}.laz", files.size()));
+      write_text(paths.back(), laz_of(file.maker, file.chunks));
+      files.push_back(std::move(file));
+    }
+  }
+  const RunResult result = run_laz_perf(paths);
+  SURFEL_REQUIRE(result.exit_code != kNoLazPerf, "no laz-perf: " + result.errors);
+  ASSERT_EQ(result.exit_code, 0) << result.errors;
+  for (std::size_t i = 0; i < files.size(); ++i) {
+    const std::vector<std::byte>& points = files[i].maker.points;
+    const std::string_view truth(reinterpret_cast<const char*>(points.data()), points.size());
+    EXPECT_TRUE(read_text(paths[i] + ".points") == truth) << files[i].what;
+  }
+}
+
+TEST(LazPeers, LazPerfReadsTheFilesOfClouds) {
+  const TemporaryFolder folder;
+  Words paths;
+  for (int format = 0; format <= 10; ++format) {
+    const ChannelFile file = channel_files(format, 1).front();
+    const SurfelCloud cloud = cloud_of(file.maker.las());
+    paths.push_back(folder / fmt::format("{}.laz", format));
+    write_cloud(cloud, paths.back());
+    write_cloud(cloud, paths.back() + ".las");
+  }
+  const RunResult result = run_laz_perf(paths);
+  SURFEL_REQUIRE(result.exit_code != kNoLazPerf, "no laz-perf: " + result.errors);
+  ASSERT_EQ(result.exit_code, 0) << result.errors;
+  for (const std::string& path : paths) {
+    EXPECT_TRUE(read_text(path + ".points") == points_in(read_text(path + ".las"))) << path;
+  }
+}
+
+TEST(LazPeers, ChannelsOfEveryFormatReadBack) {
+  for (int format = 0; format <= 10; ++format) {
+    for (const ChannelFile& file : channel_files(format, cases(6))) {
+      expect_same(cloud_of(laz_of(file.maker, file.chunks)), cloud_of(file.maker.las()), file.what);
+    }
+  }
+}
+
+/// What is between the header of a LAZ file and its table of chunks.
+std::string chunks_in(const std::string& laz) {
+  std::uint32_t begin = 0;
+  std::memcpy(&begin, laz.data() + 96, sizeof(begin));
+  std::uint64_t end = 0;
+  std::memcpy(&end, laz.data() + begin, sizeof(end));
+  return laz.substr(begin + 8, end - begin - 8);
+}
+
+// laszip/ has points of two extra bytes in chunks of 24, compressed by LASzip 3.5.1, and their
+// twins.
+TEST(LazPeers, ChunksAreThoseOfLaszip) {
+  for (int format = 5; format <= 10; ++format) {
+    const std::string path = fmt::format(SURFEL_SOURCE_DIR "/tests/laz/laszip/format{}", format);
+    const std::string laz = read_text(path + ".laz");
+    const std::string las = read_text(path + ".las");
+    ASSERT_FALSE(las.empty()) << path;
+    expect_same(cloud_of(laz), cloud_of(las), path);
+    LasFileMaker maker;
+    maker.layout = layout_of(format, 2);
+    const auto points =
+        std::as_bytes(std::span(las)).subspan(las.size() - 120 * maker.layout.bytes);
+    maker.points.assign(points.begin(), points.end());
+    EXPECT_TRUE(chunks_in(laz_of(maker, {24})) == chunks_in(laz)) << path;
+  }
+}
+
+}  // namespace
+}  // namespace surfel::test
