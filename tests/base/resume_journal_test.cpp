@@ -1,8 +1,12 @@
 #include <filesystem>
+#include <functional>
 
 #include <gtest/gtest.h>
 #include <surfel/base/output_file.h>
 #include <surfel/base/resume_journal.h>
+#include <surfel/base/scratch_file.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
 #include "support/message_of.h"
 #include "support/run_tool.h"
@@ -125,6 +129,71 @@ TEST(OutputFile, KeepsTheBytesOfAnUnfinishedFile) {
   EXPECT_FALSE(std::filesystem::exists(path + ".unfinished"));
   EXPECT_NE(message_of([] { OutputFile("-", false, Unfinished::kKept); }).find("`resume`"),
             std::string::npos);
+}
+
+TEST(ContentMark, IsOfTheContentAlone) {
+  const TemporaryFolder folder;
+  const std::string zeros(300000, '\0');
+  write_text(folder / "a", zeros);
+  write_text(folder / "b", zeros);
+  std::filesystem::last_write_time(folder / "b", std::filesystem::file_time_type::min());
+  const std::string mark = content_mark(folder / "a");
+  EXPECT_EQ(content_mark(folder / "b"), mark);
+  for (const std::size_t place : {std::size_t{0}, std::size_t{65536}, zeros.size() - 1}) {
+    std::string changed = zeros;
+    changed[place] = 'x';
+    write_text(folder / "b", changed);
+    EXPECT_NE(content_mark(folder / "b"), mark) << place;
+  }
+  EXPECT_TRUE(message_of([] { content_mark("/no/file"); }).starts_with("/no/file: cannot be read"));
+  std::filesystem::create_directory(folder / "c");
+  const std::string empty = content_mark(folder / "c");
+  write_text(folder / "c/d", "one");
+  const std::string one = content_mark(folder / "c");
+  EXPECT_NE(one, empty);
+  write_text(folder / "c/d", "two");
+  EXPECT_NE(content_mark(folder / "c"), one);
+}
+
+TEST(ResumeJournal, KeptFilesAreNotThoseThatOthersPointAt) {
+  const TemporaryFolder folder;
+  const std::string target = folder / "out.ply";
+  const std::string victim = folder / "victim";
+  write_text(victim, "as it was");
+  struct Case {
+    std::string name;
+    std::function<void()> open;
+  };
+  const std::vector<Case> cases{
+      {target + ".unfinished", [&] { OutputFile(target, false, Unfinished::kKept); }},
+      {target + ".unfinished-parts",
+       [&] { ResumeJournal(target + ".unfinished-parts", "job").add("one"); }},
+      {target + ".unfinished-scratch",
+       [&] { ScratchFile(target, target + ".unfinished-scratch"); }}};
+  for (const Case& each : cases) {
+    const auto refused = [&](const std::string& why) {
+      const std::string message = message_of([&] { each.open(); });
+      EXPECT_TRUE(message.starts_with(each.name + ": " + why)) << message;
+      EXPECT_EQ(read_text(victim), "as it was");
+      std::filesystem::remove(each.name);
+    };
+    std::filesystem::create_symlink(victim, each.name);
+    refused("is a symbolic link");
+    std::filesystem::create_symlink(folder / "nothing", each.name);
+    refused("is a symbolic link");
+    EXPECT_FALSE(std::filesystem::exists(folder / "nothing"));
+    std::filesystem::create_hard_link(victim, each.name);
+    refused("is the name of a file that has other names");
+    ASSERT_EQ(mkfifo(each.name.c_str(), 0600), 0);
+    refused("is no file");
+    if (geteuid() == 0) {  // Only root can give a file away.
+      write_text(each.name, "");
+      ASSERT_EQ(chown(each.name.c_str(), 12345, 12345), 0);
+      refused("belongs to another user");
+    }
+    each.open();  // A file that is not there is made.
+    std::filesystem::remove(each.name);
+  }
 }
 
 }  // namespace

@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <cstdio>
 #include <memory>
 #include <string>
@@ -26,6 +27,16 @@ TEST(ShellCommand, IsReadBackByAShell) {
   std::string expected;
   for (const std::string& word : words) expected += word + "\n";
   EXPECT_EQ(words_in_shell(command), expected);
+}
+
+TEST(ShellCommand, HasNoControlCharacters) {
+  std::string word = "it's \\ ";
+  for (int c = 1; c < 128; c += c == 31 ? 96 : 1) word += static_cast<char>(c);
+  const std::string quoted = shell_quoted(word);
+  EXPECT_TRUE(
+      std::none_of(quoted.begin(), quoted.end(), [](char c) { return c < ' ' || c > '~'; }));
+  const std::string in_bash = "\"$(bash -c " + shell_quoted("printf %s " + quoted) + ")\"";
+  EXPECT_EQ(words_in_shell(in_bash), word + "\n");
 }
 
 TEST(ShellFile, IsOneWordThatIsNoOption) {

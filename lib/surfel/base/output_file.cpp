@@ -14,6 +14,7 @@
 
 #include <fcntl.h>
 #include <surfel/base/error.h>
+#include <surfel/base/kept_file.h>
 #include <surfel/base/output_file.h>
 #include <surfel/base/standard_streams.h>
 #include <sys/file.h>
@@ -232,7 +233,7 @@ OutputFile::OutputFile(std::string target, bool no_clobber, Unfinished unfinishe
     temporary_ = kept ? target_ + ".unfinished" : temporary_pattern(target_);
   }
   if (kept) {
-    descriptor_ = open(temporary_.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, mode);
+    descriptor_ = open_kept(temporary_, O_RDWR | O_CREAT, mode);
     if (descriptor_ >= 0 && !lock(descriptor_) && errno == EWOULDBLOCK) {
       close(descriptor_);
       throw_io(target_, "is being made by another process");

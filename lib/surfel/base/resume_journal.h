@@ -42,4 +42,9 @@ class SURFEL_API ResumeJournal {
 /// it was changed, and the checksum of pieces spread evenly over it. Throws Error(kIo).
 SURFEL_API std::string file_mark(const std::string& path);
 
+/// "size-checksum" of what a file holds, wherever it lies and whenever it was written: of all its
+/// bytes up to 256 MB, of pieces spread evenly over larger ones; of a folder by its files. Throws
+/// Error(kIo).
+SURFEL_API std::string content_mark(const std::string& path);
+
 }  // namespace surfel

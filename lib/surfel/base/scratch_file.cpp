@@ -6,6 +6,7 @@
 
 #include <fcntl.h>
 #include <surfel/base/error.h>
+#include <surfel/base/kept_file.h>
 #include <surfel/base/output_file.h>
 #include <surfel/base/scratch_file.h>
 #include <sys/statvfs.h>
@@ -45,8 +46,7 @@ ScratchFile::ScratchFile(const std::string& beside, const std::string& name)
     : beside_(beside == "-" ? "standard output" : beside),
       folder_(folder_beside(beside)),
       name_(name) {
-  descriptor_ = name.empty() ? open_nameless(folder_)
-                             : open(name.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0600);
+  descriptor_ = name.empty() ? open_nameless(folder_) : open_kept(name, O_RDWR | O_CREAT, 0600);
   if (descriptor_ < 0) {
     throw_io(beside_, "nothing can be written to its folder " + folder_ + ": " +
                           std::strerror(errno) + "; write the result to another folder");

@@ -1,3 +1,6 @@
+#include <algorithm>
+
+#include <fmt/format.h>
 #include <surfel/base/shell_quote.h>
 
 namespace surfel {
@@ -6,6 +9,15 @@ std::string shell_quoted(const std::string& word) {
   static const std::string kPlain =
       "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-./=,:+@%";
   if (!word.empty() && word.find_first_not_of(kPlain) == std::string::npos) return word;
+  const auto is_control = [](char c) { return static_cast<unsigned char>(c) < ' ' || c == 0x7f; };
+  if (std::any_of(word.begin(), word.end(), is_control)) {
+    std::string quoted = "$'";
+    for (const char c : word) {
+      if (c == '\'' || c == '\\') quoted += '\\';
+      quoted += is_control(c) ? fmt::format("\\{:03o}", c) : std::string(1, c);
+    }
+    return quoted + "'";
+  }
   std::string quoted = "'";
   for (const char c : word) {
     if (c == '\'') quoted += "'\\'";

@@ -8,6 +8,8 @@
 namespace surfel {
 
 /// A word as a POSIX shell reads it back: in single quotes unless all its characters are plain.
+/// Words with control characters are written as $'\033', which POSIX has since 2024, so that no
+/// terminal obeys them.
 SURFEL_API std::string shell_quoted(const std::string& word);
 
 /// The name of a file as an argument of a command, for a shell: quoted, and "./-x" instead of "-x",
