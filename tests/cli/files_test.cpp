@@ -120,6 +120,18 @@ TEST_F(Files, LinksAndOtherPathsAreFollowedAndTheOrderIsTheUsers) {
   expect_refused(tool + "-o hard.ply cloud.ply", "--output hard.ply and surfels cloud.ply");
 }
 
+TEST_F(Files, StandardStreamsAreTheFilesThatTheyLeadTo) {
+  expect_refused("surfel-convert cloud.ply -o - >> cloud.ply",
+                 "surfels cloud.ply and --output - are one file, which would be lost");
+  expect_refused("surfel-convert - -o cloud.ply < cloud.ply",
+                 "surfels - and --output cloud.ply are one file, which would be lost");
+  expect_refused("surfel-estimate - -o - < cloud.ply >> cloud.ply",
+                 "cloud - and --output - are one file, which would be lost");
+  expect_refused("surfel-render - -o sky.png < sky.png", "surfels - and --output sky.png are one");
+  expect_refused("surfel-group cloud.ply -o - --stats cloud.json >> cloud.json",
+                 "--output - and --stats cloud.json are one file");
+}
+
 TEST_F(Files, NoTwoOutputsAreOneFile) {
   const auto twice = [&](const std::string& command, const std::string& files) {
     expect_refused(command, files + " are one file, which would be lost; give each a name");
@@ -142,6 +154,11 @@ TEST_F(Files, NamesOfOtherFormatsAreRefused) {
   other("surfel-convert cloud.ply -o q.stl",
         "q.stl: surfels and Gaussians are not written as '.stl'; use .ply or .pcd");
   other("surfel-estimate cloud.ply -o q.stl", surfels);
+  for (const char* tool : {"convert", "estimate", "group", "simplify --count 2"}) {
+    other(std::string("surfel-") + tool + " cloud.ply -o q.copc.laz",
+          "q.copc.laz: COPC is not written, and other programs take such a name for it; write "
+          "q.laz");
+  }
   other("surfel-texture cloud.ply --image checker -o q.stl", surfels);
   other("surfel-group cloud.ply -o q.stl", surfels);
   other("surfel-simplify cloud.ply --count 2 -o q.stl", surfels);

@@ -6,8 +6,10 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <surfel/base/error.h>
+#include <surfel/io/file_kind.h>
 #include <surfel/io/image_io.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 #include "tools/support/surfels.h"
 
@@ -54,17 +56,28 @@ Formats formats_of(Writes what) {
   return {};
 }
 
-/// Both are there and are one file that can be lost, as pipes and devices cannot.
-bool same_file(const std::string& a, const std::string& b) {
-  struct stat first {};
-  struct stat second {};
-  return stat(a.c_str(), &first) == 0 && stat(b.c_str(), &second) == 0 && S_ISREG(first.st_mode) &&
-         first.st_dev == second.st_dev && first.st_ino == second.st_ino;
+/// A file's device and number, those of a standard stream where its name is "-".
+bool find_status(const std::string& path, int stream, struct stat& status) {
+  return (path == "-" ? fstat(stream, &status) : stat(path.c_str(), &status)) == 0;
 }
 
-/// Neither need be there.
+/// Both are there and are one file that can be lost, as pipes and devices cannot.
+/// \param stream_a  the descriptor that "-" stands for
+bool same_file(const std::string& a, int stream_a, const std::string& b, int stream_b) {
+  struct stat first {};
+  struct stat second {};
+  return find_status(a, stream_a, first) && find_status(b, stream_b, second) &&
+         S_ISREG(first.st_mode) && first.st_dev == second.st_dev && first.st_ino == second.st_ino;
+}
+
+/// Is an input the file that an output goes to?
+bool same_file(const std::string& input, const std::string& output) {
+  return same_file(input, STDIN_FILENO, output, STDOUT_FILENO);
+}
+
+/// Are two outputs one file? Neither need be there.
 bool same_target(const std::string& a, const std::string& b) {
-  if (same_file(a, b)) return true;
+  if (same_file(a, STDOUT_FILENO, b, STDOUT_FILENO)) return true;
   std::error_code error;
   if (fs::exists(a, error) || fs::exists(b, error)) return false;
   const auto place = [&](const std::string& path) {
@@ -86,6 +99,7 @@ void require_format(const std::string& path, Writes what) {
     throw_usage(fmt::format("{}: is the name of a folder; name a file", path));
   }
   if (path == "-" && what != Writes::kSky) return;
+  refuse_copc_name(path);
   const std::string as = lower_extension(path);
   if (what == Writes::kFilm && (as == ".mp4" || as == ".webm" || as == ".gif")) return;
   if (what == Writes::kPicture || what == Writes::kFilm) {

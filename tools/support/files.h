@@ -43,8 +43,8 @@ class RunFiles {
 
   /// Takes the files that the options name, once they are parsed. Throws Error(kUsage) for an empty
   /// name, a name of a folder, a format that is not written, for two outputs that are one file, and
-  /// for an output that is an input: the same file by device and number, links followed. Standard
-  /// input and output ("-"), pipes and devices may stand for both.
+  /// for an output that is an input: the same file by device and number, links followed, also where
+  /// it is standard input or output ("-"). Pipes and devices may stand for both.
   void check();
   /// The same for a file that is read, or written for an option, without being an option's value:
   /// `what` names it in messages.

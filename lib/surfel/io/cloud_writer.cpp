@@ -88,6 +88,7 @@ void write_tree(const SurfelCloud& cloud, bool ascii, OutputFile& file) {
 enum class CloudFormat { kPly, kPcd, kLas, kText, kObj };
 
 CloudFormat format_of(const std::string& path) {
+  refuse_copc_name(path);
   const std::string extension = lower_extension(path);
   if (extension == ".pcd") return CloudFormat::kPcd;
   if (is_las_name(path)) return CloudFormat::kLas;

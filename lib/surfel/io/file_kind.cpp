@@ -83,6 +83,15 @@ void refuse_volume(const std::string& file) {
               "surfel-render draws");
 }
 
+void refuse_copc_name(const std::string& path) {
+  constexpr std::string_view kEnd = ".copc.laz";
+  if (!lower_case(path).ends_with(kEnd)) return;
+  throw_usage(
+      fmt::format("{}: COPC is not written, and other programs take such a name for it; "
+                  "write {}.laz",
+                  path, path.substr(0, path.size() - kEnd.size())));
+}
+
 bool is_las_name(const std::string& path) {
   const std::string extension = lower_extension(path);
   return extension == ".las" || extension == ".laz";

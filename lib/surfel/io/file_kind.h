@@ -32,6 +32,10 @@ std::string converter_advice(const std::string& path);
 /// Throws Error(kInput): a file that was taken for surfels or points holds a volume.
 [[noreturn]] SURFEL_API void refuse_volume(const std::string& file);
 
+/// Throws Error(kUsage) for names that end in .copc.laz, which other programs take for COPC: it is
+/// read, and not written.
+SURFEL_API void refuse_copc_name(const std::string& path);
+
 /// Whether a name has the extension of LAS or LAZ files, of E57 files, of a format that holds
 /// meshes alone, or pictures alone.
 bool is_las_name(const std::string& path);
