@@ -455,7 +455,7 @@ std::string convert_pieces(surfel::tool::Tool& tool, const Settings& s) {
     if (writer) writer->append(out);
     if (sorter) sorter->append(out);
   });
-  if (writer) writer->commit();
+  if (writer) surfel::tool::tell_changed_columns(tool, s.output, writer->commit());
   if (sorter) sorter->commit();
   return counted_surfels(tool, survey.count);
 }

@@ -46,12 +46,13 @@ void bind_files(py::module_& module) {
   module.def("read_gaussians", [](const std::string& path) {
     return hold(made([&] { return read_gaussians(path); }));
   });
-  module.def("write_points",
-             [](const std::string& path, HeldCloud& held, bool ascii, bool no_clobber) {
-               const SurfelCloud& cloud = ready(held);
-               const InUse use(held);
-               run([&] { write_cloud(cloud, path, {.no_clobber = no_clobber, .ascii = ascii}); });
-             });
+  module.def(
+      "write_points", [](const std::string& path, HeldCloud& held, bool ascii, bool no_clobber) {
+        const SurfelCloud& cloud = ready(held);
+        const InUse use(held);
+        return made(
+            [&] { return write_cloud(cloud, path, {.no_clobber = no_clobber, .ascii = ascii}); });
+      });
   module.def("write_mesh", [](const std::string& path, HeldMesh& held, bool no_clobber) {
     const TriangleMesh& mesh = ready(held);
     const InUse use(held);

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from typing import Mapping, Sequence
 
 import numpy as np
@@ -93,6 +94,7 @@ def write(
     metadata: text for files of pictures; EXR gets the camera of a picture besides.
     no_clobber: a file that is there is left, which raises FileError.
 
+    Warns of columns that LAS and LAZ do not hold as they are: scaled, rounded, clamped, renamed.
     Raises FileError, UsageError for extensions that are not written.
     """
     if ascii and not isinstance(data, SurfelCloud):
@@ -101,7 +103,8 @@ def write(
         raise _core.UsageError("`metadata` has no effect but on pictures; leave it out")
     name = os.fsencode(path)
     if isinstance(data, SurfelCloud):
-        _core.write_points(name, data, ascii, no_clobber)
+        for change in _core.write_points(name, data, ascii, no_clobber):
+            warnings.warn(f"{os.fspath(path)!r}: {change}", stacklevel=2)
     elif isinstance(data, TriangleMesh):
         _core.write_mesh(name, data, no_clobber)
     elif isinstance(data, GaussianCloud):

@@ -42,6 +42,17 @@ class SurfelConvert : public testing::Test {
   std::string layers_ = folder_ / "layers.ply";
 };
 
+TEST_F(SurfelConvert, FieldsOfLasSayHowTheyHoldValues) {
+  write_text(folder_ / "scan.ptx",
+             "2\n1\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n"
+             "1 2 3 0.5\n2 2 3 1\n");
+  const RunResult result = convert({folder_ / "scan.ptx"}, "scan.laz");
+  EXPECT_EQ(result.exit_code, 0);
+  EXPECT_TRUE(contains(result.errors, "scan.laz: intensity: stored as the value times 65535"))
+      << result.errors;
+  EXPECT_EQ(convert({folder_ / "scan.ptx", "--quiet"}, "scan.laz").errors, "");
+}
+
 TEST_F(SurfelConvert, EveryFormatReadsBackTheSame) {
   const SurfelCloud cloud = read_cloud(sphere_);
   for (const auto& [output, options] :

@@ -49,7 +49,7 @@ void BlockWriter::commit() {
   if (rows_) {
     rows_->commit();
   } else {
-    text_->commit();
+    tell_changed_columns(tool_, path_, text_->commit());
   }
 }
 

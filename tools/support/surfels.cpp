@@ -177,10 +177,17 @@ void tell_lost_columns(const Tool& tool, const SurfelCloud& cloud, const std::st
                         fmt::join(lost, ", ")));
 }
 
+void tell_changed_columns(const Tool& tool, const std::string& path,
+                          const std::vector<std::string>& changes) {
+  for (const std::string& change : changes) tool.note(fmt::format("{}: {}", path, change));
+}
+
 void write_result(const Tool& tool, SurfelCloud& cloud, const std::string& path, bool ascii) {
   cloud.provenance.push_back(tool.provenance());
   tell_lost_columns(tool, cloud, path);
-  write_cloud(cloud, path, {.no_clobber = tool.common().no_clobber, .ascii = ascii});
+  tell_changed_columns(
+      tool, path,
+      write_cloud(cloud, path, {.no_clobber = tool.common().no_clobber, .ascii = ascii}));
 }
 
 void require_piecewise_format(const std::string& output, const std::string& input) {

@@ -75,6 +75,11 @@ void tell_left_out(const Tool& tool, const std::string& name, const UnusableSurf
 /// Tells which columns of a cloud a file of that name does not get.
 void tell_lost_columns(const Tool& tool, const SurfelCloud& cloud, const std::string& path);
 
+/// Tells which columns a file that was written holds otherwise than the cloud.
+/// \param changes  what write_cloud() returned
+void tell_changed_columns(const Tool& tool, const std::string& path,
+                          const std::vector<std::string>& changes);
+
 /// Writes the surfels that a tool made, with its line of provenance; `ascii` makes PLY a text.
 void write_result(const Tool& tool, SurfelCloud& cloud, const std::string& path,
                   bool ascii = false);

@@ -3,6 +3,7 @@
 #include <cmath>
 #include <optional>
 #include <string_view>
+#include <type_traits>
 #include <vector>
 
 #include <surfel/base/parallel.h>
@@ -18,7 +19,25 @@ constexpr std::size_t kSurveyBlock = 4096;
 void merge(CloudSurvey::Range& range, const CloudSurvey::Range& other) {
   range.least = std::min(range.least, other.least);
   range.most = std::max(range.most, other.most);
-  range.whole = range.whole && other.whole;
+  range.count += other.count;
+  range.fractions += other.fractions;
+  range.nan += other.nan;
+  range.infinite += other.infinite;
+  range.outside += other.outside;
+}
+
+template <class T>
+void add_value(CloudSurvey::Range& range, T stored) {
+  const auto value = static_cast<double>(stored);
+  ++range.count;
+  range.outside += value < 0 || value > std::numeric_limits<std::uint16_t>::max() ? 1 : 0;
+  if (std::is_integral_v<T> || std::isfinite(value)) {
+    range.least = std::min(range.least, value);
+    range.most = std::max(range.most, value);
+    range.fractions += std::is_integral_v<T> || value == std::trunc(value) ? 0 : 1;
+  } else {
+    ++(std::isnan(value) ? range.nan : range.infinite);
+  }
 }
 
 bool is_placed_apart(std::string_view name) {
@@ -108,8 +127,7 @@ void CloudSurvey::add_ranges(const SurfelCloud& piece) {
       visit_type(columns[k].type, [&]<class T>(T) {
         const std::byte* at = bytes.data() + columns[k].offset;
         for (std::size_t i = begin; i < end; ++i, at += records.stride()) {
-          const auto value = static_cast<double>(load_scalar<T, false>(at));
-          merge(part[k], {.least = value, .most = value, .whole = value == std::trunc(value)});
+          add_value(part[k], load_scalar<T, false>(at));
         }
       });
     }

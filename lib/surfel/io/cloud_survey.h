@@ -18,9 +18,13 @@ class SURFEL_API CloudSurvey {
  public:
   /// Values of a column that is neither a coordinate nor a colour.
   struct Range {
-    double least = std::numeric_limits<double>::infinity();
-    double most = -std::numeric_limits<double>::infinity();
-    bool whole = true;  ///< All are whole numbers.
+    double least = std::numeric_limits<double>::infinity();  ///< Of the finite values.
+    double most = -std::numeric_limits<double>::infinity();  ///< Of the finite values.
+    std::uint64_t count = 0;
+    std::uint64_t fractions = 0;  ///< Finite values that are no whole numbers.
+    std::uint64_t nan = 0;        ///< Values that are not a number.
+    std::uint64_t outside = 0;    ///< Values below 0 or above 65535, infinite ones too.
+    std::uint64_t infinite = 0;
   };
 
   /// \param path  the file that will be written: its format decides what is looked at.

@@ -183,13 +183,14 @@ void CloudWriter::append(const SurfelCloud& piece) {
   w.written += piece.size();
 }
 
-void CloudWriter::commit() {
+std::vector<std::string> CloudWriter::commit() {
   if (impl_->las) return impl_->las->commit();
   if (impl_->written != impl_->count) {
     throw_input(impl_->path, fmt::format("{} surfels were promised and {} written", impl_->count,
                                          impl_->written));
   }
   impl_->file->commit();
+  return {};
 }
 
 std::vector<std::string> columns_left_out(const SurfelCloud& cloud, const std::string& path) {
@@ -197,14 +198,14 @@ std::vector<std::string> columns_left_out(const SurfelCloud& cloud, const std::s
                                               : std::vector<std::string>();
 }
 
-void write_cloud(const SurfelCloud& cloud, const std::string& path,
-                 const CloudWriteOptions& options) {
+std::vector<std::string> write_cloud(const SurfelCloud& cloud, const std::string& path,
+                                     const CloudWriteOptions& options) {
   cloud.check_columns(path);
   CloudSurvey survey(path);
   survey.add(cloud);
   CloudWriter writer(path, std::move(survey), options);
   writer.append(cloud);
-  writer.commit();
+  return writer.commit();
 }
 
 }  // namespace surfel

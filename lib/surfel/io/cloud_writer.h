@@ -24,10 +24,12 @@ struct CloudWriteOptions {
 /// (OutputFile). Text has the columns of PLY, OBJ has positions, normals and colours alone
 /// (columns_left_out()). `radius` is written beside every variance, for other viewers. Levels of
 /// detail are written to PLY only, with their tree in an element of its own (tree_records.h). LAS
-/// gets the steps of SurfelCloud::las, and columns that it has no field for as extra bytes. Throws
-/// Error(kIo), and Error(kUsage) for levels of detail in other formats.
-SURFEL_API void write_cloud(const SurfelCloud& cloud, const std::string& path,
-                            const CloudWriteOptions& options = {});
+/// gets the steps of SurfelCloud::las, and columns that it has no field for as extra bytes; values
+/// that its fields do not hold are scaled, rounded or clamped. Returns a line for each column that
+/// the file holds otherwise than the cloud. Throws Error(kIo), and Error(kUsage) for levels of
+/// detail in other formats.
+SURFEL_API std::vector<std::string> write_cloud(const SurfelCloud& cloud, const std::string& path,
+                                                const CloudWriteOptions& options = {});
 
 /// The columns of a cloud that a file of that name has no place for.
 SURFEL_API std::vector<std::string> columns_left_out(const SurfelCloud& cloud,
@@ -52,8 +54,9 @@ class SURFEL_API CloudWriter {
   /// Throws Error(kInput) if a later piece has other columns or positions that need another type,
   /// or if a cloud with levels of detail is written in more than one piece.
   void append(const SurfelCloud& piece);
-  /// Completes the file. Throws Error(kInput) unless `count` surfels were written.
-  void commit();
+  /// Completes the file; returns what write_cloud() does. Throws Error(kInput) unless `count`
+  /// surfels were written.
+  std::vector<std::string> commit();
 
  private:
   struct Impl;

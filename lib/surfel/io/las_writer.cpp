@@ -4,6 +4,7 @@
 #include <cstring>
 #include <limits>
 #include <optional>
+#include <tuple>
 #include <utility>
 
 #include <fmt/format.h>
@@ -30,6 +31,7 @@ namespace surfel {
 namespace {
 
 constexpr std::size_t kMostBlockBytes = 65535;
+constexpr std::size_t kMostExtra = kMostBlockBytes / 192;  ///< Columns that one block describes.
 constexpr std::uint32_t kChunkPoints = 50000;  ///< As LASzip's own, which readers are made for.
 
 /// FieldBytes of a header or block, little-endian.
@@ -52,17 +54,71 @@ class FieldBytes {
   std::string bytes_;
 };
 
-/// A column of the cloud that goes into a field of the points.
+constexpr double kAngleStep = 0.006;  ///< Degrees of a step of `scan_angle`.
+
+/// A column of the cloud that goes into a field of the points: (value - offset) * factor, rounded
+/// and clamped to what the field holds.
 struct Filled {
   RecordColumn column;
   LasField field;
+  double least = 0;
+  double most = 0;
+  double offset = 0;
+  double factor = 1;
+  bool exact = false;  ///< The field holds all values as they are.
+  bool copy = false;   ///< Extra bytes hold the values, too, as they are.
 };
 
 /// A column of the cloud that becomes extra bytes.
 struct Extra {
   RecordColumn column;
+  std::string name;
   std::size_t offset;  ///< In a point.
 };
+
+/// The least and the largest value of a field.
+std::pair<double, double> limits_of(const LasField& field) {
+  if (field.bits > 0) return {0, (1 << field.bits) - 1};
+  return visit_type(field.type, []<class T>(T) {
+    using Limits = std::numeric_limits<T>;
+    return std::pair(static_cast<double>(Limits::lowest()), static_cast<double>(Limits::max()));
+  });
+}
+
+bool is_real(const LasField& field) {
+  return field.bits == 0 &&
+         (field.type == ScalarType::kFloat32 || field.type == ScalarType::kFloat64);
+}
+
+/// Does a field hold all values that a survey has seen as they are?
+bool holds_all(const LasField& field, const CloudSurvey::Range& range) {
+  const auto [least, most] = limits_of(field);
+  return is_real(field) || (range.count > 0 && range.fractions + range.nan + range.infinite == 0 &&
+                            range.least >= least && range.most <= most);
+}
+
+/// Chooses how values become whole numbers: brightness uses the 16 bits of its field, angles with
+/// fractions are degrees.
+void choose_factor(const CloudSurvey::Range& range, Filled& filled) {
+  const std::string_view name = filled.field.name;
+  const bool brightness = name == "intensity" || name == "nir";
+  if (name == "scan_angle" && range.fractions > 0 && std::abs(range.least) <= 180 &&
+      std::abs(range.most) <= 180) {
+    filled.factor = 1 / kAngleStep;
+  }
+  if (!brightness || range.least > range.most) return;
+  const auto are_many = [&](std::uint64_t values) { return values > range.count / 100; };
+  if (are_many(range.outside)) {
+    const double span = range.most - range.least;
+    filled.offset = range.least;
+    const bool steps = range.fractions == 0 && span <= filled.most;
+    if (!steps && span > 0) filled.factor = filled.most / span;
+  } else if (range.fractions > 0 && range.most <= 1) {
+    filled.factor = filled.most;
+  } else if (are_many(range.fractions) && range.most <= 255) {
+    filled.factor = filled.most / 255;
+  }
+}
 
 }  // namespace
 
@@ -97,7 +153,7 @@ class LasWriter::Impl {
     written_ += piece.size();
   }
 
-  void commit() {
+  std::vector<std::string> commit() {
     if (written_ != survey_.count) {
       throw_input(path_,
                   fmt::format("{} surfels were promised and {} written", survey_.count, written_));
@@ -107,6 +163,7 @@ class LasWriter::Impl {
     const std::string head = header() + blocks_.all();
     file_.write_at(0, head.data(), head.size());
     file_.commit();
+    return notes();
   }
 
  private:
@@ -115,7 +172,8 @@ class LasWriter::Impl {
             const std::vector<std::string>& comments) {
     las_ = first.las;
     columns_ = records.columns();
-    choose_format(!first.color.empty());
+    colored_ = !first.color.empty();
+    choose_format();
     place_columns();
     choose_steps(first);
     add_blocks(comments);
@@ -137,17 +195,42 @@ class LasWriter::Impl {
 
   bool extended() const { return format_ >= 6; }
   std::size_t header_bytes() const { return extended() ? 375 : 227; }
-  bool has(std::string_view name) const {
-    return std::any_of(columns_.begin(), columns_.end(),
-                       [&](const RecordColumn& column) { return column.name == name; });
+  const RecordColumn* find(std::string_view name) const {
+    const auto column = std::find_if(columns_.begin(), columns_.end(),
+                                     [&](const auto& c) { return same_name(c.name, name); });
+    return column == columns_.end() ? nullptr : &*column;
+  }
+  bool has(std::string_view name) const { return find(name) != nullptr; }
+  CloudSurvey::Range range_of(const RecordColumn& column) const {
+    const auto found = survey_.range.find(column.name);
+    return found == survey_.range.end() ? CloudSurvey::Range() : found->second;
   }
 
-  void choose_format(bool colored) {
+  /// Do formats 6 to 8 hold values of this field that formats 0 to 3 do not?
+  bool wants_more(const LasField& field) const {
+    const RecordColumn* column = find(field.name);
+    if (!column) return false;
+    const CloudSurvey::Range range = range_of(*column);
+    if (std::string_view(field.name) == "scan_angle_rank") {
+      return range.count > 0 && !holds_all(field, range);
+    }
+    for (const LasField& wide : las_fields(6)) {
+      if (std::string_view(wide.name) != field.name) continue;
+      const double most = limits_of(field).second;
+      return range.most > most && limits_of(wide).second > most;
+    }
+    return false;
+  }
+
+  void choose_format() {
     const int was = las_ ? las_->point_format : 0;
-    colored = colored || las_color_offset(was) > 0;
+    const bool colored = colored_ || las_color_offset(was) > 0;
     const bool wide = survey_.count > std::numeric_limits<std::uint32_t>::max();
+    const std::vector<LasField> fields = las_fields(0);
     const bool more = was >= 6 || wide || has("nir") || has("scan_angle") || has("overlap") ||
-                      has("scanner_channel");
+                      has("scanner_channel") ||
+                      std::any_of(fields.begin(), fields.end(),
+                                  [&](const auto& field) { return wants_more(field); });
     if (more) {
       format_ = has("nir") ? 8 : colored ? 7 : 6;
     } else {
@@ -155,56 +238,78 @@ class LasWriter::Impl {
     }
   }
 
-  /// Can a field hold all values of a column?
-  bool fits(const RecordColumn& column, const LasField& field) const {
-    if (column.type == field.type && field.bits == 0) return true;
-    const auto found = survey_.range.find(column.name);
-    if (found == survey_.range.end()) return false;
-    const CloudSurvey::Range& range = found->second;
-    bool fit = false;
-    visit_type(field.type, [&]<class Field>(Field) {
-      const bool whole = range.whole || std::is_floating_point_v<Field>;
-      fit = whole && representable<Field>(range.least) && representable<Field>(range.most) &&
-            (field.bits == 0 || range.most < (1 << field.bits));
-    });
-    return fit;
+  void add_filled(const RecordColumn& column, const LasField& field) {
+    Filled filled{.column = column, .field = field};
+    std::tie(filled.least, filled.most) = limits_of(field);
+    const CloudSurvey::Range range = range_of(column);
+    choose_factor(range, filled);
+    filled.exact = filled.factor == 1 && filled.offset == 0 && holds_all(field, range);
+    filled_.push_back(filled);
+  }
+
+  /// The name that extra bytes get, which no other column of the file has.
+  std::string extra_name(const std::string& name) {
+    constexpr std::size_t kMost = 32;
+    std::string own = name.substr(0, kMost);
+    for (int number = 2; std::any_of(names_.begin(), names_.end(),
+                                     [&](const auto& taken) { return same_name(taken, own); });
+         ++number) {
+      const std::string end = fmt::format("_{}", number);
+      own = name.substr(0, kMost - end.size()) + end;
+    }
+    names_.push_back(own);
+    return own;
+  }
+
+  /// Finds fields for columns. Formats 6 to 8 have the degrees of `scan_angle_rank` in finer steps:
+  /// other programs look for them there.
+  void place_fields() {
+    names_ = {"x", "y", "z"};
+    for (const LasField& field : las_fields(format_)) {
+      const std::string_view name = field.name;
+      names_.emplace_back(name);
+      const bool color = name == "red" || name == "green" || name == "blue";
+      const RecordColumn* column = color && colored_ ? nullptr : find(name);
+      if (column) add_filled(*column, field);
+      const RecordColumn* rank =
+          name == "scan_angle" && !column ? find("scan_angle_rank") : nullptr;
+      if (!rank) continue;
+      const auto [least, most] = limits_of(field);
+      filled_.push_back({*rank, field, least, most, 0, 1 / kAngleStep, false, true});
+    }
   }
 
   /// Finds a field or extra bytes for each column.
   void place_columns() {
-    const std::vector<LasField> fields = las_fields(format_);
     record_ = layout().format_bytes();
+    place_fields();
     for (const RecordColumn& column : columns_) {
       const std::string_view name = column.name;
       if (name == "x" || name == "y" || name == "z") continue;
-      if (name == "red" || name == "green" || name == "blue") {
+      if (colored_ && (name == "red" || name == "green" || name == "blue")) {
         colors_.push_back(column);
         continue;
       }
-      const auto field = std::find_if(fields.begin(), fields.end(),
-                                      [&](const LasField& f) { return name == f.name; });
-      if (field != fields.end() && fits(column, *field)) {
-        filled_.push_back({column, *field});
-      } else {
-        extra_.push_back({column, record_});
-        record_ += scalar_size(column.type);
+      const bool placed = std::any_of(filled_.begin(), filled_.end(), [&](const Filled& filled) {
+        return filled.column.name == name && !filled.copy;
+      });
+      if (placed) continue;
+      if (extra_.size() == kMostExtra) {
+        throw_input(path_, fmt::format("{} columns are more than LAS can describe; write PLY",
+                                       columns_.size()));
       }
+      extra_.push_back({column, extra_name(column.name), record_});
+      record_ += scalar_size(column.type);
     }
     if (record_ > std::numeric_limits<std::uint16_t>::max()) {
       throw_input(path_, "a point has more than the 65,535 bytes that LAS allows; write PLY");
     }
-    const auto find = [&](std::string_view name) -> const RecordColumn* {
-      for (const RecordColumn& column : columns_) {
-        if (column.name == name) return &column;
-      }
-      return nullptr;
-    };
     for (std::size_t k = 0; k < 3; ++k) {
       position_[k] = *find(std::array{"x", "y", "z"}[k]);
     }
-    returns_ = std::any_of(filled_.begin(), filled_.end(), [](const Filled& filled) {
-      return std::string_view(filled.field.name) == "return_number";
-    });
+    if (has("return_number")) return;
+    const unsigned one_of_one = extended() ? 0x11 : 0x09;
+    returns_ = static_cast<std::byte>(has("number_of_returns") ? 1 : one_of_one);
   }
 
   /// Can the steps tell all positions?
@@ -258,7 +363,7 @@ class LasWriter::Impl {
       bytes.add(std::uint16_t{0});
       bytes.add(kTypes[static_cast<std::size_t>(extra.column.type)]);
       bytes.add(std::uint8_t{0});
-      bytes.add_text(extra.column.name, 32);
+      bytes.add_text(extra.name, 32);
       bytes.add_text("", 156);
     }
     return bytes.all();
@@ -276,12 +381,7 @@ class LasWriter::Impl {
       add_block(block.user, block.id, block.description, block.bytes);
     }
     if (!extra_.empty()) {
-      const std::string descriptions = extra_descriptions();
-      if (descriptions.size() > kMostBlockBytes) {
-        throw_input(path_, fmt::format("{} columns are more than LAS can describe; write PLY",
-                                       extra_.size()));
-      }
-      add_block("LASF_Spec", 4, "extra bytes", descriptions);
+      add_block("LASF_Spec", 4, "extra bytes", extra_descriptions());
     }
     std::string lines;
     for (const std::string& comment : comments) {
@@ -303,6 +403,8 @@ class LasWriter::Impl {
                                      std::numeric_limits<std::int32_t>::min(),
                                      std::numeric_limits<std::int32_t>::min()};
     std::array<std::uint64_t, 16> returns{};
+    std::vector<std::uint64_t> clamped;  ///< Values that were, by the column of filled_.
+    std::uint64_t colors = 0;            ///< Colours of which a value was clamped.
   };
 
   static unsigned color_code(const RecordColumn& column, const std::byte* record, bool narrow) {
@@ -334,16 +436,24 @@ class LasWriter::Impl {
   void make_points(const std::byte* record, std::size_t stride, std::size_t count,
                    std::byte* points, Counts& counts) const {
     std::memset(points, 0, count * record_);
+    counts.clamped.resize(filled_.size());
     const std::size_t color = las_color_offset(format_);
     for (std::size_t i = 0; i < count; ++i, record += stride, points += record_) {
       make_position(record, points, counts);
-      if (!returns_) points[14] = extended() ? std::byte{0x11} : std::byte{0x09};
-      for (const Filled& filled : filled_) fill(filled, record, points);
+      points[14] = returns_;
+      for (std::size_t k = 0; k < filled_.size(); ++k) {
+        fill(filled_[k], record, points, counts.clamped[k]);
+      }
+      bool beyond = false;
       for (std::size_t k = 0; k < colors_.size(); ++k) {
         const auto code =
             static_cast<std::uint16_t>(color_code(colors_[k], record, las_.has_value()));
         std::memcpy(points + color + 2 * k, &code, sizeof(code));
+        if (colors_[k].type != ScalarType::kFloat32) continue;
+        const auto value = load_scalar<float, false>(record + colors_[k].offset);
+        beyond = beyond || !(value >= 0 && value <= 1);
       }
+      counts.colors += beyond ? 1 : 0;
       for (const Extra& extra : extra_) {
         std::memcpy(points + extra.offset, record + extra.column.offset,
                     scalar_size(extra.column.type));
@@ -367,19 +477,70 @@ class LasWriter::Impl {
     }
   }
 
-  static void fill(const Filled& filled, const std::byte* record, std::byte* point) {
+  static void fill(const Filled& filled, const std::byte* record, std::byte* point,
+                   std::uint64_t& clamped) {
     const LasField& field = filled.field;
     visit_type(filled.column.type, [&]<class T>(T) {
       const T value = load_scalar<T, false>(record + filled.column.offset);
-      if (field.bits > 0) {
-        point[field.offset] |= static_cast<std::byte>(static_cast<unsigned>(value) << field.shift);
-        return;
-      }
-      visit_type(field.type, [&]<class Field>(Field) {
-        const auto stored = static_cast<Field>(value);
-        std::memcpy(point + field.offset, &stored, sizeof(stored));
-      });
+      if (filled.exact) return store(field, value, point);
+      const double number = (static_cast<double>(value) - filled.offset) * filled.factor;
+      const double whole = std::isnan(number) ? 0 : std::round(number);
+      const double stored = std::clamp(whole, filled.least, filled.most);
+      clamped += stored == whole ? 0 : 1;
+      store(field, stored, point);
     });
+  }
+
+  template <class T>
+  static void store(const LasField& field, T value, std::byte* point) {
+    if (field.bits > 0) {
+      point[field.offset] |= static_cast<std::byte>(static_cast<unsigned>(value) << field.shift);
+      return;
+    }
+    visit_type(field.type, [&]<class Field>(Field) {
+      const auto stored = static_cast<Field>(value);
+      std::memcpy(point + field.offset, &stored, sizeof(stored));
+    });
+  }
+
+  /// How what is stored differs from the cloud.
+  std::vector<std::string> notes() const {
+    std::vector<std::string> lines;
+    for (std::size_t k = 0; k < filled_.size() && !counts_.clamped.empty(); ++k) {
+      const Filled& filled = filled_[k];
+      if (filled.copy) continue;
+      const CloudSurvey::Range range = range_of(filled.column);
+      std::vector<std::string> parts;
+      if (filled.factor != 1 || filled.offset != 0) {
+        parts.push_back(fmt::format(
+            "stored as {} times {:.9g}",
+            filled.offset == 0 ? "the value" : fmt::format("(the value {:+.9g})", -filled.offset),
+            filled.factor));
+      } else if (range.fractions > 0 && !filled.exact) {
+        parts.push_back(fmt::format("{} values rounded", range.fractions));
+      }
+      if (counts_.clamped[k] > 0) {
+        parts.push_back(fmt::format("{} values that do not fit {} to {} clamped",
+                                    counts_.clamped[k], filled.least, filled.most));
+      }
+      if (range.nan > 0 && !filled.exact) {
+        parts.push_back(fmt::format("{} values that are not a number are 0", range.nan));
+      }
+      if (!parts.empty()) {
+        lines.push_back(fmt::format("{}: {}", filled.column.name, fmt::join(parts, ", ")));
+      }
+    }
+    if (counts_.colors > 0) {
+      lines.push_back(fmt::format("{} colours outside of 0 to 1 clamped", counts_.colors));
+    }
+    for (const Extra& extra : extra_) {
+      if (extra.name == extra.column.name) continue;
+      lines.push_back(
+          fmt::format("{} is named {}: names have 32 characters in LAS, and each is "
+                      "there once",
+                      extra.column.name, extra.name));
+    }
+    return lines;
   }
 
   void merge(const Counts& counts) {
@@ -390,6 +551,11 @@ class LasWriter::Impl {
     for (std::size_t k = 0; k < counts.returns.size(); ++k) {
       counts_.returns[k] += counts.returns[k];
     }
+    counts_.clamped.resize(filled_.size());
+    for (std::size_t k = 0; k < counts.clamped.size(); ++k) {
+      counts_.clamped[k] += counts.clamped[k];
+    }
+    counts_.colors += counts.colors;
   }
 
   /// Writes the points that have been made, without the points of a last chunk that is not full.
@@ -488,13 +654,15 @@ class LasWriter::Impl {
   bool open_ = false;
   std::optional<LasStorage> las_;
   std::vector<RecordColumn> columns_;
+  bool colored_ = false;
   int format_ = 0;
   std::size_t record_ = 0;  ///< FieldBytes of a point.
   std::array<RecordColumn, 3> position_;
   std::vector<RecordColumn> colors_;
   std::vector<Filled> filled_;
   std::vector<Extra> extra_;
-  bool returns_ = false;  ///< A column tells the number of the return.
+  std::vector<std::string> names_;  ///< Of the fields and the extra bytes.
+  std::byte returns_{0};            ///< What no column says of the number of the return: the first.
   Vec3d scale_;
   Vec3d offset_;
   FieldBytes blocks_;
@@ -515,6 +683,6 @@ void LasWriter::append(const SurfelCloud& piece, const std::vector<std::string>&
   impl_->append(piece, comments);
 }
 
-void LasWriter::commit() { impl_->commit(); }
+std::vector<std::string> LasWriter::commit() { return impl_->commit(); }
 
 }  // namespace surfel

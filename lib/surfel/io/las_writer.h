@@ -11,13 +11,17 @@ namespace surfel {
 
 /// Writes surfels or points as LAS, or, if the name ends in .laz, as LAZ in chunks of 50,000 points
 /// that are compressed in parallel: LAS 1.2 with point formats 0 to 3, or 1.4 with 6 to 8 where a
-/// column (`nir`, `scan_angle`, `overlap`, `scanner_channel`) or the number of points wants it, or
-/// the cloud came from such a file (SurfelCloud::las). Columns with the names of las_fields() fill
-/// these fields where all their values fit; all others are extra bytes under their names. Colours
-/// have 16 bits, but 8 where the cloud came from LAS with 8. Coordinates have the scale and offset
-/// of SurfelCloud::las where that reaches; else the scale is SurfelCloud::decimals', or the power
-/// of ten that is finer than the cloud's positions. How pieces are cut does not change the file,
-/// which appears whole or not at all (OutputFile). Internal to the io module.
+/// column (`nir`, `scan_angle`, `overlap`, `scanner_channel`), a value that formats 0 to 3 do not
+/// hold, or the number of points wants it, or the cloud came from such a file (SurfelCloud::las).
+/// Columns with the names of las_fields(), case aside, fill these fields: `intensity` and `nir` of
+/// 0 to 1 times 65535, of 0 to 255 with fractions times 257, and moved and scaled into 16 bits
+/// where more than one value in 100 lies outside of them; a `scan_angle` with fractions is taken
+/// for degrees; all other values are rounded and clamped, and what is not a number becomes 0. All
+/// other columns are extra bytes under their names, of 32 characters at most. Colours have 16 bits,
+/// but 8 where the cloud came from LAS with 8. Coordinates have the scale and offset of
+/// SurfelCloud::las where that reaches; else the scale is SurfelCloud::decimals', or the power of
+/// ten that is finer than the cloud's positions. How pieces are cut does not change the file, which
+/// appears whole or not at all (OutputFile). Internal to the io module.
 class LasWriter {
  public:
   /// \param survey  of all pieces that will be written
@@ -32,7 +36,9 @@ class LasWriter {
   /// the blocks of the file.
   /// \param comments  lines that are stored in a block of their own; the first piece's count
   void append(const SurfelCloud& piece, const std::vector<std::string>& comments);
-  void commit();
+  /// Completes the file. Returns a line for each column whose values or name the file holds
+  /// otherwise than the cloud: "intensity: 3 values that do not fit 0 to 65535 clamped".
+  std::vector<std::string> commit();
 
  private:
   class Impl;
