@@ -12,7 +12,7 @@ mkdir -p "$folder"
   if ! cmp -s "$here/package-lock.json" "$folder/installed.json"; then
     cp "$here/package.json" "$here/package-lock.json" "$folder"
     cd "$folder"
-    npm ci --no-audit --no-fund --no-update-notifier >&2 || exit 77
+    npm ci --no-audit --no-fund --no-update-notifier --fetch-retries 1 >&2 || exit 77
     cp package-lock.json installed.json
   fi
 ) 9>"$folder/lock"
