@@ -166,6 +166,15 @@ TEST(SpzFile, FlagsAndExtensionsAreKnown) {
   EXPECT_NE(gaussian_error(cut.streams(), "a.spz").find("extension"), std::string::npos);
 }
 
+TEST(SpzFile, DataThatDiffersFromItsChecksumIsRefused) {
+  const std::string file = gzipped(Spz{.count = 100}.raw());
+  for (std::size_t bit = 8 * (file.size() - 8); bit < 8 * file.size(); ++bit) {
+    std::string damaged = file;
+    damaged[bit / 8] = static_cast<char>(damaged[bit / 8] ^ 1 << bit % 8);
+    EXPECT_NE(gaussian_error(damaged, "a.spz").find("damaged"), std::string::npos) << bit;
+  }
+}
+
 TEST(SpzFile, WhatIsWrongIsNamed) {
   for (const std::uint32_t version : {3U, 4U}) {
     const Spz spz{.version = version, .count = 100};

@@ -58,7 +58,17 @@ Array<std::byte> gunzip(std::span<const std::byte> data, std::size_t size,
     taken += in - z.avail_in;
     made += room - z.avail_out;
   }
-  if (made == size) return out;
+  if (state == Z_OK) {
+    // Behind the last byte of the stream stands its checksum, which is compared without room for
+    // more bytes; where there are more of them the state is Z_BUF_ERROR.
+    Bytef none = 0;
+    z.next_in = const_cast<Bytef*>(reinterpret_cast<const Bytef*>(data.data() + taken));
+    z.avail_in = static_cast<uInt>(std::min(kAtOnce, data.size() - taken));
+    z.next_out = &none;
+    z.avail_out = 0;
+    state = inflate(&z, Z_NO_FLUSH);
+  }
+  if (made == size && (state == Z_STREAM_END || state == Z_BUF_ERROR)) return out;
   if (state == Z_STREAM_END) {
     throw_input(file, fmt::format("its compressed data ends after {} of {} bytes; it is truncated "
                                   "or its header is wrong",

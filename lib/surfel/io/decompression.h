@@ -15,7 +15,8 @@ inline constexpr std::size_t kMostZstdRatio = std::size_t{1} << 15;
 
 /// The first `size` bytes that data compressed by gzip or zlib stands for; the rest is not decoded,
 /// so that no more memory is taken than is asked for. Throws Error(kInput) naming the file if the
-/// data is damaged or stands for fewer bytes. Internal to the io module.
+/// data is damaged, differs from its checksum (where it ends with these bytes) or stands for fewer
+/// bytes. Internal to the io module.
 Array<std::byte> gunzip(std::span<const std::byte> data, std::size_t size, const std::string& file);
 
 /// The bytes that a Zstandard frame stands for, which must be `size`. Throws Error(kInput) naming
