@@ -223,6 +223,7 @@ int main(int argc, char** argv) {
                  "surfel-chart lion.ply --sweep cutoff,layers -o report",
                  "surfel-chart lion.obj --quick --recommend --max-error 35"});
   tool.reads_images();
+  tool.reads_named_files();
   tool.files().reads({"input", "--image", "--mesh", "--scene", "--truth"});
   tool.files().writes("--output", surfel::tool::Writes::kAny);
   tool.name_fields({{"sweeps", "--sweep"}, {"min_psnr", "--max-error"}});

@@ -206,6 +206,7 @@ int main(int argc, char** argv) {
        "surfel-from-mesh lion.obj --spacing 0.01 --flat -o lion.ply",
        "surfel-from-mesh lion.obj --adaptive --max-error 0.05 --image lion.png -o lion.ply"});
   tool.reads_images();
+  tool.reads_named_files();
   tool.files().reads({"mesh", "--image"});
   tool.files().writes("--output", tool::Writes::kSurfels);
   return tool.run(argc, argv, [&] {

@@ -104,6 +104,7 @@ int main(int argc, char** argv) {
   tool.files().reads({"volume"});
   tool.files().writes("--output", surfel::tool::Writes::kDensities);
   tool.reads_images();
+  tool.reads_named_files();
   return tool.run(argc, argv, [&] {
     surfel::tool::require_valid(problems(s));
     const surfel::Volume volume = read(s);

@@ -602,6 +602,7 @@ int main(int argc, char** argv) {
                 {"surfel-info lion.ply", "surfel-info lion.obj --html lion.html",
                  "surfel-info lion.ply --json"});
   tool.reads_images();
+  tool.reads_named_files();
   tool.files().reads({"file"});
   tool.files().writes("--html", surfel::tool::Writes::kPage);
   return tool.run(argc, argv, [&] {

@@ -323,6 +323,7 @@ int main(int argc, char** argv) {
                  "800x600 --background navy",
                  "surfel-render lion.ply -o lion_%04d.png --turntable 36 --size 512"});
   tool.reads_images();
+  tool.reads_named_files();
   tool.files().reads({"files", "--camera", "--views", "--path", "--scene", "--mesh", "--image",
                       "--normal-map", "--bump"});
   tool.files().writes("--output", surfel::tool::Writes::kFilm);

@@ -78,6 +78,7 @@ int main(int argc, char** argv) {
        "surfel-texture lion.ply --mesh lion.obj --fit render -o textured.ply",
        "surfel-texture lion.ply --solid marble:9 --light white --dark gray -o marble.ply"});
   tool.reads_images();
+  tool.reads_named_files();
   tool.files().reads({"surfels", "--image", "--mesh", "--normal-map", "--bump"});
   tool.files().writes("--output", surfel::tool::Writes::kSurfels);
   tool.name_fields({{"robust_scale", "--robust"}, {"y_down", "--normal-y"}});

@@ -29,6 +29,7 @@ from ._core import (
     TriangleMesh,
     UsageError,
     __version__,
+    allow_outside,
     set_thread_count,
     thread_count,
 )
@@ -59,6 +60,7 @@ __all__ = [
     "TriangleMesh",
     "UsageError",
     "__version__",
+    "allow_outside",
     "compare",
     "difference",
     "estimate",

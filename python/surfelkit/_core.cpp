@@ -13,6 +13,7 @@
 #include <surfel/base/parallel.h>
 #include <surfel/base/progress.h>
 #include <surfel/base/version.h>
+#include <surfel/io/named_file.h>
 
 #include "_columns.h"
 
@@ -238,6 +239,13 @@ void bind_threads(py::module_& module) {
       "Sets the threads of all calls of the process, 1 to 1024; None: one for each core.");
 }
 
+void bind_names(py::module_& module) {
+  module.def(
+      "allow_outside", [](bool allowed) { allow_outside(allowed); }, py::arg("allowed"),
+      "Lets files name images and other files outside of their folders, in all calls of the "
+      "process; False at its start.");
+}
+
 }  // namespace
 
 void run(const Call& call, const std::function<void()>& work) {
@@ -438,6 +446,7 @@ PYBIND11_MODULE(_core, module) {
   bind_exceptions(module);
   surfel::set_progress_observer(&stages());
   bind_threads(module);
+  bind_names(module);
   bind_surfels(module);
   bind_meshes(module);
   bind_gaussians(module);

@@ -64,6 +64,21 @@ class Files : public testing::Test {
   TemporaryFolder folder_;
 };
 
+TEST_F(Files, NamesInFilesLeadOutOfTheirFoldersOnlyWherePermitted) {
+  fs::create_directory(at("in"));
+  write_text(at("in/scene.toml"), "[environment]\nimage = \"../sky.png\"\n");
+  const std::string command = "surfel-render cloud.ply --size 8 --scene in/scene.toml -o - ";
+  const RunResult refused = run_here(command);
+  EXPECT_EQ(refused.exit_code, 1);
+  EXPECT_TRUE(contains(refused.errors,
+                       "in/scene.toml: names the file sky.png, which lies outside "
+                       "of this file's folder and is read only with "
+                       "--allow-outside"))
+      << refused.errors;
+  const RunResult allowed = run_here(command + "--allow-outside");
+  EXPECT_EQ(allowed.exit_code, 0) << allowed.errors;
+}
+
 TEST_F(Files, NoOutputIsAnInput) {
   const auto lost = [&](const std::string& command, const std::string& files) {
     expect_refused(command, files + " are one file, which would be lost; give --");

@@ -195,16 +195,16 @@ TEST(MissingImages, AreToldByTheFileThatNamesThem) {
   TriangleMesh mesh = one_triangle();
   mesh.face_material = {0};
   mesh.material.resize(2);
-  mesh.material[0] = {.name = "bark", .texture = "/nowhere/bark.png", .named_by = "tree.mtl"};
+  mesh.material[0] = {.name = "bark", .texture = "nowhere/bark.png", .named_by = "tree.mtl"};
   mesh.material[1] = mesh.material[0];
   EXPECT_EQ(failure([&] { load_textures({}, &mesh, "tree.obj"); }),
-            "tree.mtl: names the image /nowhere/bark.png, which is not there; put it beside this "
+            "tree.mtl: names the image nowhere/bark.png, which is not there; put it beside this "
             "file, or give an image with `image`");
   TriangleMesh replaced = mesh;
   EXPECT_TRUE(leave_out_missing_images(replaced, "tree.obj", "other.png").empty());
   EXPECT_EQ(leave_out_missing_images(mesh, "tree.obj"),
             std::vector<std::string>{
-                "tree.mtl: names the image /nowhere/bark.png, which is not there; the material "
+                "tree.mtl: names the image nowhere/bark.png, which is not there; the material "
                 "bark is shown without it; `image` gives another"});
   EXPECT_TRUE(mesh.material[0].texture.empty());
   EXPECT_TRUE(mesh.material[1].texture.empty());

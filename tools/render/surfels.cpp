@@ -67,9 +67,7 @@ std::unique_ptr<LoadedCloud> load_files(tool::Tool& tool, const Settings& s,
   } else {
     Intake::Made made = take_in(tool, s, views);
     for (const std::string& line : made.done) tool.note(line);
-    for (const std::string& line : made.warnings) {
-      tool.note(tool::with_option_names(line, tool.app(), {}));
-    }
+    for (const std::string& line : made.warnings) tool.note(line);
     commands = std::move(made.commands);
     file = made.file;
     coloring.filled = std::move(made.filled);

@@ -22,6 +22,7 @@
 #include <surfel/base/standard_streams.h>
 #include <surfel/base/version.h>
 #include <surfel/io/image_io.h>
+#include <surfel/io/named_file.h>
 #include <unistd.h>
 
 #include "tools/support/config_file.h"
@@ -121,6 +122,7 @@ struct Tool::Impl {
   bool manual = false;
   std::optional<Shell> completion;
   std::uint64_t most_pixels = most_image_pixels();
+  bool allow_outside = false;
   bool follows = false;  ///< See follow().
   Json report = Json::object();
   Timer total;
@@ -398,11 +400,20 @@ void Tool::reads_images() {
       ->group("Common options");
 }
 
+void Tool::reads_named_files() {
+  impl_->app
+      .add_flag("--allow-outside", impl_->allow_outside,
+                "Read files outside of a file's folder that the file names: images, values of "
+                "volumes")
+      ->group("Common options");
+}
+
 const CommonOptions& Tool::common() const { return impl_->common; }
 Json& Tool::report() { return impl_->report; }
 
 void Tool::note(const std::string& message) const {
-  if (!impl_->common.quiet) impl_->message(message);
+  if (impl_->common.quiet) return;
+  impl_->message(with_option_names(message, impl_->app, impl_->field_names));
 }
 
 void Tool::detail(const std::string& message) const {
@@ -491,6 +502,7 @@ int Tool::run(int argc, char** argv, const std::function<void()>& body) {
       set_thread_count(impl_->common.threads);  // Plug-ins that the check loads see to it.
       impl_->files.check();
       set_most_image_pixels(impl_->most_pixels);
+      allow_outside(impl_->allow_outside);
       // Opened first: a report that cannot be written is found before the work, not after.
       if (!impl_->common.stats.empty()) {
         stats.emplace(impl_->common.stats, impl_->common.no_clobber);

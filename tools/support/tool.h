@@ -81,14 +81,16 @@ class Tool {
 
   /// Declares --max-pixels, for a tool that reads images, and keeps to it.
   void reads_images();
+  /// Declares --allow-outside, for a tool that reads files that name others, and keeps to it.
+  void reads_named_files();
 
   /// The report that --stats writes; a tool adds what it measured. `tool`, `version`, `options`,
   /// `threads`, `total_ms` and `peak_memory_bytes` are filled in by run(). A run that fails after
   /// its options were understood writes the report, too, with its message as `error`.
   Json& report();
 
-  /// Message on standard error after the tool's name: note() unless --quiet, detail() with
-  /// --verbose only.
+  /// Message on standard error after the tool's name: note() unless --quiet, with the names of
+  /// options (with_option_names()); detail() with --verbose only.
   void note(const std::string& message) const;
   void detail(const std::string& message) const;
   /// The one line that a successful run says of what it has written, unless --quiet: "dragon.ply:

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <bit>
-#include <filesystem>
 #include <limits>
 
 #include <fmt/format.h>
@@ -10,7 +9,7 @@
 #include <surfel/base/plugin.h>
 #include <surfel/io/gltf_file.h>
 #include <surfel/io/gltf_plugin.h>
-#include <surfel/io/mtl.h>
+#include <surfel/io/named_file.h>
 #include <surfel/io/promises.h>
 #include <surfel/io/record_table.h>
 #include <surfel/io/text_scanner.h>
@@ -238,12 +237,9 @@ JsonView GltfFile::referred(const char* array, const JsonView& reference) const 
 
 std::string GltfFile::path_of(const JsonView& uri) const {
   const std::string text = uri.text("");
-  const auto path = relative_path(text);
-  if (!path) {
-    uri.fail(fmt::format("is {}; only files in the folder of this one, or below, are read",
-                         quoted_excerpt(text)));
-  }
-  return resolve_texture(std::filesystem::path(name()).parent_path(), *path);
+  const auto path = path_of_uri(text);
+  if (!path) uri.fail(fmt::format("is {}; only files are read", quoted_excerpt(text)));
+  return named_path(name(), *path);
 }
 
 /// Bytes of a buffer, as many as it promises.
@@ -265,14 +261,14 @@ std::span<const std::byte> GltfFile::buffer(const JsonView& reference) {
       found.own = std::move(*decoded);
     } else {
       const std::string path = path_of(uri);
-      std::error_code ignored;
-      if (!std::filesystem::is_regular_file(path, ignored)) {
-        uri.fail(fmt::format("is {}, which is not there; put it beside this file",
-                             quoted_excerpt(text)));
+      const std::string problem = named_problem(name(), path);
+      if (!problem.empty()) {
+        uri.fail(
+            fmt::format("is {}, which {}; put it beside this file", quoted_excerpt(text), problem));
       }
-      const InputFile beside(path);
-      const std::span<const std::byte> all = beside.bytes();
-      found.own.assign(all.begin(), all.end());
+      const InputFile beside = open_named(name(), path);
+      const std::span<const std::byte> part = beside.head(description["byteLength"].count());
+      found.own.assign(part.begin(), part.end());
       bytes_ += found.own.size();
     }
     found.bytes = found.own;

@@ -70,8 +70,8 @@ class GltfFile {
   /// Decodes the named attributes of a KHR_draco_mesh_compression.
   Draco decode_draco(const JsonView& extension, std::span<const std::string_view> names);
 
-  /// The file that a relative URI names, beside this one. Throws Error(kInput) at `uri`'s place
-  /// where it names none that may be read.
+  /// The path of the file that a URI names (named_path()). Throws Error(kInput) at `uri`'s place
+  /// where it names no file.
   std::string path_of(const JsonView& uri) const;
   /// Bytes that all buffers have together, which are the measure of what may be built of them.
   std::size_t bytes() const { return bytes_; }

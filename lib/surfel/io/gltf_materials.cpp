@@ -39,6 +39,7 @@ const GltfMaterials::Use& GltfMaterials::use(const JsonView& reference) {
   use.material = static_cast<std::uint16_t>(material.size());
   MeshMaterial& to = material.emplace_back();
   to.vertex_factor = vertex_colors_;
+  to.named_by = file_.name();
   if (reference) read(file_.referred("materials", reference), to, use);
   return use;
 }

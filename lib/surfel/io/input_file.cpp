@@ -24,8 +24,7 @@ std::string cause() { return std::strerror(errno); }
 /// A descriptor to read from, closed with the scope. Standard input is duplicated.
 struct Descriptor {
   int value;
-  explicit Descriptor(const std::string& path)
-      : value(path == "-" ? dup(STDIN_FILENO) : open(path.c_str(), O_RDONLY | O_CLOEXEC)) {}
+  explicit Descriptor(int opened) : value(opened) {}
   ~Descriptor() {
     if (value >= 0) close(value);
   }
@@ -45,10 +44,14 @@ bool has_line(std::string_view text, std::string_view start) {
 
 }  // namespace
 
-InputFile::InputFile(const std::string& path) : name_(path == "-" ? "standard input" : path) {
+InputFile::InputFile(const std::string& path, bool regular_only)
+    : name_(path == "-" && !regular_only ? "standard input" : path) {
   if (path.empty()) throw_io("", "the name of a file to read is empty; name a file");
-  if (path == "-") require_standard_input();
-  Descriptor file(path);
+  const bool standard = path == "-" && !regular_only;
+  if (standard) require_standard_input();
+  // The opening of a pipe would wait for a writer.
+  const int flags = O_RDONLY | O_CLOEXEC | (regular_only ? O_NONBLOCK | O_NOCTTY : 0);
+  Descriptor file(standard ? dup(STDIN_FILENO) : open(path.c_str(), flags));
   struct stat status {};
   if (file.value < 0 || fstat(file.value, &status) != 0) {
     const bool missing = errno == ENOENT || errno == ENOTDIR;
@@ -56,6 +59,7 @@ InputFile::InputFile(const std::string& path) : name_(path == "-" ? "standard in
              "cannot be opened: " + cause() + (missing ? "; check its name and folder" : ""));
   }
   if (S_ISDIR(status.st_mode)) throw_io(name_, "is a directory; name a file");
+  if (regular_only && !S_ISREG(status.st_mode)) throw_io(name_, "is no regular file");
   const bool whole = S_ISREG(status.st_mode) && lseek(file.value, 0, SEEK_CUR) == 0;
   if (!whole) {
     read_pipe(file.value);

@@ -18,7 +18,9 @@ class SURFEL_API InputFile {
  public:
   /// `path` "-" is standard input. Throws Error(kIo) naming the file and the cause, as all members
   /// do, also where the file became shorter after it was opened.
-  explicit InputFile(const std::string& path);
+  /// \param regular_only  All but regular files are an error, which waits for nothing; "-" is a
+  ///                      file of this name.
+  explicit InputFile(const std::string& path, bool regular_only = false);
   /// A file of these bytes, which are copied, e.g. out of an archive or a network. Readers that
   /// tell formats by the names of files, and messages, take `name`; no file need have it.
   InputFile(std::string name, std::span<const std::byte> bytes);

@@ -9,6 +9,7 @@
 #include <fmt/format.h>
 #include <surfel/base/error.h>
 #include <surfel/io/meta_image.h>
+#include <surfel/io/named_file.h>
 #include <surfel/io/text_scanner.h>
 #include <surfel/io/voxel_values.h>
 
@@ -158,7 +159,7 @@ Volume read_meta_image(const InputFile& input) {
   const std::string skip = header.find("HeaderSize").value_or("0");
   const std::optional<std::size_t> bytes = parse_count(skip);
   if (!bytes && skip != "-1") header.fail("HeaderSize", "is no number of bytes");
-  const InputFile file(file_beside(input.name(), data));
+  const InputFile file = open_named(input.name(), named_path(input.name(), data));
   const std::size_t size = volume.voxels() * scalar_size(layout.type);
   // -1: the values are the end of the file.
   layout.offset = bytes ? *bytes : file.size() - std::min(file.size(), size);

@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include <surfel/io/mtl.h>
+#include <surfel/io/named_file.h>
 #include <surfel/io/text_scanner.h>
 
 namespace surfel {
@@ -55,24 +56,6 @@ NamedImage named_image(std::string_view text) {
   return image;
 }
 
-/// The name of a regular file in a folder that equals `name` if case is ignored; the
-/// first in order of the alphabet.
-std::optional<std::string> in_other_case(const std::filesystem::path& folder,
-                                         const std::string& name) {
-  std::optional<std::string> found;
-  if (name.empty()) return found;
-  const std::string wanted = lower_case(name);
-  std::error_code error;
-  for (std::filesystem::directory_iterator file(folder.empty() ? "." : folder, error), end;
-       !error && file != end; file.increment(error)) {
-    std::string there = file->path().filename().string();
-    std::error_code ignored;
-    if (lower_case(there) != wanted || !file->is_regular_file(ignored)) continue;
-    if (!found || there < *found) found = std::move(there);
-  }
-  return found;
-}
-
 /// Is the statement "bump"? Programs also write it like the names of maps, with either letter.
 bool names_bump(std::string_view keyword) {
   return keyword == "bump" || keyword == "map_bump" || keyword == "map_Bump";
@@ -92,31 +75,6 @@ void read_diffuse(TextScanner& in, Vec3f& diffuse) {
 
 }  // namespace
 
-std::optional<std::string> find_beside(const std::filesystem::path& folder, std::string_view name) {
-  const auto regular = [&](const std::string& candidate) -> std::optional<std::string> {
-    std::error_code ignored;
-    const std::filesystem::path path = folder / candidate;
-    if (candidate.empty() || !std::filesystem::is_regular_file(path, ignored)) return std::nullopt;
-    return path.lexically_normal().string();
-  };
-  std::string turned(name);
-  if (auto found = regular(turned)) return found;
-  std::replace(turned.begin(), turned.end(), '\\', '/');
-  if (auto found = regular(turned)) return found;
-  const std::filesystem::path path(turned);
-  if (auto found = regular(path.filename().string())) return found;
-  for (const std::filesystem::path& in : {(folder / path).parent_path(), folder}) {
-    const std::optional<std::string> name_there = in_other_case(in, path.filename().string());
-    if (name_there) return (in / *name_there).lexically_normal().string();
-  }
-  return std::nullopt;
-}
-
-std::string resolve_texture(const std::filesystem::path& folder, std::string_view name) {
-  if (auto found = find_beside(folder, name)) return *found;
-  return (folder / name).lexically_normal().string();
-}
-
 std::string texture_name_from(const std::filesystem::path& folder, const std::string& texture) {
   namespace fs = std::filesystem;
   const fs::path file = fs::weakly_canonical(fs::absolute(texture));
@@ -125,7 +83,6 @@ std::string texture_name_from(const std::filesystem::path& folder, const std::st
 }
 
 std::vector<MtlMaterial> read_mtl(const InputFile& file) {
-  const std::filesystem::path folder = std::filesystem::path(file.name()).parent_path();
   std::vector<MtlMaterial> materials;
   TextScanner in(file.name(), as_text(file.bytes()), kMeshText);
   for (; in.skip_to_content(); in.next_line()) {
@@ -145,7 +102,7 @@ std::vector<MtlMaterial> read_mtl(const InputFile& file) {
       std::string& path = keyword == "map_Kd" ? material.texture
                           : keyword == "norm" ? material.normal_map
                                               : material.bump_map;
-      path = resolve_texture(folder, image.name);
+      path = named_path(file.name(), image.name);
       if (names_bump(keyword)) material.bump_scale = image.multiplier;
       if (image.clamped) material.wrap = WrapMode::kClamp;
       if (keyword != "map_Kd") continue;

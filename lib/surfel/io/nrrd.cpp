@@ -9,6 +9,7 @@
 
 #include <fmt/format.h>
 #include <surfel/base/error.h>
+#include <surfel/io/named_file.h>
 #include <surfel/io/nrrd.h>
 #include <surfel/io/text_scanner.h>
 #include <surfel/io/voxel_values.h>
@@ -207,7 +208,7 @@ Volume read_nrrd(const InputFile& input) {
     if (detached->starts_with("LIST") || detached->find('%') != std::string::npos) {
       header.fail("data file", "several files are not read; save the volume as one file");
     }
-    read_voxels(InputFile(file_beside(input.name(), *detached)), layout, volume);
+    read_voxels(open_named(input.name(), named_path(input.name(), *detached)), layout, volume);
   } else {
     layout.offset = header.end();
     read_voxels(input, layout, volume);

@@ -1,6 +1,5 @@
 #include <algorithm>
 #include <cmath>
-#include <filesystem>
 #include <optional>
 #include <unordered_map>
 #include <unordered_set>
@@ -10,6 +9,7 @@
 #include <surfel/base/error.h>
 #include <surfel/io/mesh_builder.h>
 #include <surfel/io/mtl.h>
+#include <surfel/io/named_file.h>
 #include <surfel/io/obj.h>
 #include <surfel/io/text_scanner.h>
 
@@ -27,10 +27,7 @@ float decode_color(double encoded) {
 class ObjReader {
  public:
   explicit ObjReader(const InputFile& file)
-      : in_(file.name(), as_text(file.bytes()), kMeshText),
-        file_(file.name()),
-        folder_(std::filesystem::path(file_).parent_path()),
-        mesh_(file_) {}
+      : in_(file.name(), as_text(file.bytes()), kMeshText), file_(file.name()), mesh_(file_) {}
 
   TriangleMesh read() {
     for (; in_.skip_to_content(); in_.next_line()) read_line();
@@ -204,18 +201,17 @@ class ObjReader {
     }
     if (found == 0) missing = {names};
     for (const std::string_view name : missing) {
-      notes_.push_back(
-          fmt::format("names the material file {}, which is not there; put it beside "
-                      "this file",
-                      quoted_excerpt(name)));
+      notes_.push_back(fmt::format("names the material file {}, which {}; put it beside this file",
+                                   quoted_excerpt(name),
+                                   named_problem(file_, named_path(file_, name))));
     }
   }
 
   bool read_library(std::string_view name) {
-    const auto path = find_beside(folder_, name);
-    if (!path) return false;
-    if (!libraries_read_.insert(*path).second) return true;
-    for (MtlMaterial& material : read_mtl(InputFile(*path))) {
+    const std::string path = named_path(file_, name);
+    if (!named_problem(file_, path).empty()) return false;
+    if (!libraries_read_.insert(path).second) return true;
+    for (MtlMaterial& material : read_mtl(open_named(file_, path))) {
       library_.try_emplace(material.material.name, std::move(material));
     }
     return true;
@@ -230,7 +226,6 @@ class ObjReader {
 
   TextScanner in_;
   std::string file_;
-  std::filesystem::path folder_;
   MeshBuilder mesh_;
   std::vector<MeshBuilder::Corner> corners_;
   Reach vertex_reach_;

@@ -6,7 +6,7 @@
 #include <surfel/base/color.h>
 #include <surfel/base/error.h>
 #include <surfel/io/mesh_builder.h>
-#include <surfel/io/mtl.h>
+#include <surfel/io/named_file.h>
 #include <surfel/io/ply.h>
 #include <surfel/io/ply_mesh.h>
 
@@ -123,7 +123,7 @@ class PlyMeshReader {
       if (name.starts_with(kThis)) name.replace(0, kThis.size(), path.stem().string());
       if (name.empty()) continue;
       mesh_.material.push_back(
-          {.name = name, .texture = resolve_texture(path.parent_path(), name)});
+          {.name = name, .texture = named_path(ply_.name(), name), .named_by = ply_.name()});
     }
     textures_ = mesh_.material.size();
     if (textures_ >= std::numeric_limits<std::uint16_t>::max()) {

@@ -1,8 +1,8 @@
 #include <cmath>
-#include <filesystem>
 
 #include <fmt/format.h>
 #include <surfel/base/elementary.h>
+#include <surfel/io/named_file.h>
 #include <surfel/io/scene_file.h>
 #include <surfel/io/toml_reader.h>
 
@@ -67,8 +67,8 @@ Environment read_environment(const TomlTable& table, const std::string& path) {
   table.read("image", environment.image);
   if (environment.image.empty()) table.fail("image", "the environment names no image");
   if (environment.image != kSkyName) {
-    environment.image =
-        (std::filesystem::path(path).parent_path() / environment.image).lexically_normal();
+    environment.image = named_path(path, environment.image);
+    environment.named_by = path;
   }
   table.read("intensity", environment.intensity, 0, 1e6);
   table.read("rotation", environment.rotation, -3600, 3600);

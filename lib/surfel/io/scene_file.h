@@ -11,7 +11,7 @@ namespace surfel {
 /// Reads TOML: `ambient = [r, g, b]`, `refraction` ("single" | "multi"), tables [[light]] (type =
 /// "directional" | "headlight" | "point", direction or position, color), [[material]] (name,
 /// ambient, diffuse, specular, shininess, opacity, reflectivity, ior, dispersion, roughness,
-/// absorption), [sky] (up, color, ground) and [environment] (image, relative to the file's folder;
+/// absorption), [sky] (up, color, ground) and [environment] (image, which named_path() finds;
 /// intensity, rotation, visible). A material with an ior but no reflectivity gets the reflectivity
 /// ((ior - 1) / (ior + 1))^2. A file without lights, or without materials, leaves the default
 /// lights or materials of Scene. The image of an environment is not read here but by

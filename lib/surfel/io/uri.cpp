@@ -1,7 +1,5 @@
-#include <algorithm>
 #include <array>
 #include <cstdint>
-#include <filesystem>
 
 #include <surfel/io/uri.h>
 
@@ -53,7 +51,12 @@ std::optional<Array<std::byte>> decode_data_uri(std::string_view uri) {
   return bytes;
 }
 
-std::optional<std::string> relative_path(std::string_view uri) {
+std::optional<std::string> path_of_uri(std::string_view uri) {
+  constexpr std::string_view kFileScheme = "file://";
+  if (uri.starts_with(kFileScheme)) uri.remove_prefix(kFileScheme.size());
+  // A colon before any slash ends a scheme, or the letter of a drive.
+  const std::size_t colon = uri.substr(0, uri.find_first_of("/\\")).find(':');
+  if (colon != std::string_view::npos && colon != 1) return std::nullopt;
   std::string path;
   for (std::size_t i = 0; i < uri.size(); ++i) {
     const bool coded = uri[i] == '%' && i + 2 < uri.size() && hex_value(uri[i + 1]) >= 0 &&
@@ -65,17 +68,8 @@ std::optional<std::string> relative_path(std::string_view uri) {
       path += uri[i];
     }
   }
-  // A colon before any slash ends a scheme, or the letter of a drive.
-  if (uri.substr(0, uri.find_first_of("/\\")).find(':') != std::string_view::npos) {
-    return std::nullopt;
-  }
-  std::replace(path.begin(), path.end(), '\\', '/');
-  const std::filesystem::path normal = std::filesystem::path(path).lexically_normal();
-  if (path.empty() || path.find('\0') != std::string::npos || normal.is_absolute() ||
-      *normal.begin() == "..") {
-    return std::nullopt;
-  }
-  return normal.string();
+  if (path.empty() || path.find('\0') != std::string::npos) return std::nullopt;
+  return path;
 }
 
 }  // namespace surfel

@@ -17,9 +17,8 @@ bool is_data_uri(std::string_view uri);
 /// The bytes of a data URI; nullopt where it is not in base64, or damaged.
 std::optional<Array<std::byte>> decode_data_uri(std::string_view uri);
 
-/// The path that a relative URI means: percent codes are decoded and backslashes, which some
-/// programs write, turned. Nullopt where the URI has a scheme such as "https:", is absolute, or
-/// leads out of the folder that it starts from: a file that somebody sends must not reach others.
-std::optional<std::string> relative_path(std::string_view uri);
+/// The path that a URI means, with its percent codes decoded; paths of Windows are left as they
+/// are. Nullopt where the URI is of another scheme than "file:", such as "https:", or no path.
+std::optional<std::string> path_of_uri(std::string_view uri);
 
 }  // namespace surfel

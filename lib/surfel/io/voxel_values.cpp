@@ -1,7 +1,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
-#include <filesystem>
 #include <limits>
 #include <span>
 
@@ -17,6 +16,8 @@ namespace surfel {
 namespace {
 
 constexpr std::size_t kVoxelGrain = std::size_t{1} << 16;
+/// Bytes that gzip's header takes at most, with a name and a comment.
+constexpr std::size_t kMostGzipHeader = std::size_t{1} << 20;
 
 /// Turns bytes into floats.
 void decode(const std::byte* bytes, ScalarType type, bool big_endian, std::size_t count,
@@ -62,8 +63,11 @@ void read_voxels(const InputFile& input, const VoxelLayout& layout, Volume& volu
                layout.compressed ? left * kMostGzipRatio : left, kTheHeader, "voxels", fail);
   Array<std::byte> unpacked;
   if (layout.compressed) {
+    // No program's compression makes data longer than this; what follows is not read.
+    const std::size_t most = 2 * bytes + kMostGzipHeader;
     const std::size_t start = std::min(layout.offset, input.size());
-    unpacked = gunzip(input.bytes().subspan(start), bytes, input.name());
+    unpacked = gunzip(input.head(start + std::min(input.size() - start, most)).subspan(start),
+                      bytes, input.name());
   }
   volume.value.resize(volume.voxels());
   parallel_for(volume.voxels(), kVoxelGrain, [&](std::size_t begin, std::size_t end, int) {
@@ -101,10 +105,6 @@ void finish_volume(Volume& volume, const std::string& file) {
       throw_input(file, "the axes are not at right angles; resample the volume");
     }
   }
-}
-
-std::string file_beside(const std::string& header, std::string_view name) {
-  return (std::filesystem::path(header).parent_path() / name).string();
 }
 
 }  // namespace surfel

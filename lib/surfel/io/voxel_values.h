@@ -5,7 +5,6 @@
 #include <cstddef>
 #include <cstdint>
 #include <string>
-#include <string_view>
 
 #include <surfel/base/scalar_type.h>
 #include <surfel/io/input_file.h>
@@ -34,8 +33,5 @@ void read_voxels(const InputFile& input, const VoxelLayout& layout, Volume& volu
 /// others (Volume::not_finite). Throws Error(kInput) naming the file if no value is finite, or if
 /// the axes are not at right angles.
 void finish_volume(Volume& volume, const std::string& file);
-
-/// A file that a header names, which lies beside it.
-std::string file_beside(const std::string& header, std::string_view name);
 
 }  // namespace surfel

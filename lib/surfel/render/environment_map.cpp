@@ -10,6 +10,7 @@
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
 #include <surfel/io/image_io.h>
+#include <surfel/io/named_file.h>
 #include <surfel/render/environment_map.h>
 #include <surfel/sample/procedural_sky.h>
 #include <surfel/scene/lat_long.h>
@@ -327,8 +328,12 @@ std::uint64_t EnvironmentMap::memory_bytes() const {
 void load_environment(Scene& scene) {
   if (!scene.environment || scene.environment->map) return;
   const std::string& image = scene.environment->image;
+  const std::string& naming = scene.environment->named_by;
   scene.environment->map = std::make_shared<const EnvironmentMap>(
-      image == kSkyName ? procedural_sky(kSkyWidth, kSkyWidth / 2) : read_image(image), image);
+      image == kSkyName ? procedural_sky(kSkyWidth, kSkyWidth / 2)
+      : naming.empty()  ? read_image(image)
+                        : read_image(open_named(naming, image)),
+      image);
 }
 
 }  // namespace surfel

@@ -25,6 +25,7 @@ struct Environment {
   float rotation = 0;   ///< Degrees about +y: the picture's direction +z is turned towards +x.
   bool visible = true;  ///< Is seen directly, too; else only in reflections and by refraction.
   std::shared_ptr<const EnvironmentMap> map{};  ///< Made by load_environment().
+  std::string named_by{};  ///< The file that names the picture (open_named()); empty: none does.
 };
 
 /// Ambient light that comes from the sky above and the ground below, evenly from each half: a

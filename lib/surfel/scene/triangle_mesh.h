@@ -40,7 +40,7 @@ struct MeshMaterial {
   std::string normal_map{};
   std::string bump_map{};  ///< MTL's bump, an image of heights, resolved as `texture`.
   float bump_scale = 1;    ///< Height of white above black, scene units: bump's -bm.
-  std::string named_by{};  ///< The file that names the images (MTL); empty: the mesh's own.
+  std::string named_by{};  ///< The file that names the images (open_named()); empty: none does.
 };
 
 /// An image inside of the mesh's file.

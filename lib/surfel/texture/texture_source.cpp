@@ -14,6 +14,7 @@
 #include <surfel/base/color.h>
 #include <surfel/base/error.h>
 #include <surfel/io/image_io.h>
+#include <surfel/io/named_file.h>
 #include <surfel/sample/procedural_image.h>
 #include <surfel/texture/named_frequency.h>
 #include <surfel/texture/texture_source.h>
@@ -166,10 +167,14 @@ auto images_of(Material& material) {
   return std::array{&material.texture, &material.normal_map, &material.bump_map};
 }
 
-bool is_missing(const TriangleMesh& mesh, const std::string& image) {
-  if (image.empty() || find_embedded(mesh, image)) return false;
+/// What keeps an image of a material from being read, as the end of a sentence; empty if nothing
+/// does.
+std::string problem_of(const TriangleMesh& mesh, const MeshMaterial& material,
+                       const std::string& image) {
+  if (image.empty() || find_embedded(mesh, image)) return "";
+  if (!material.named_by.empty()) return named_problem(material.named_by, image);
   std::error_code error;
-  return !std::filesystem::exists(image, error);
+  return std::filesystem::exists(image, error) ? "" : "is not there";
 }
 
 }  // namespace
@@ -179,13 +184,14 @@ InputFile material_image(const TriangleMesh& mesh, const MeshMaterial& material,
   if (const EmbeddedImage* const embedded = find_embedded(mesh, image)) {
     return {image, std::span(embedded->bytes->data(), embedded->bytes->size())};
   }
-  if (is_missing(mesh, image)) {
+  const std::string problem = problem_of(mesh, material, image);
+  if (!problem.empty()) {
     throw_input(material.named_by.empty() ? mesh_name : material.named_by,
-                fmt::format("names the image {}, which is not there; put it beside this file, or "
-                            "give an image with `image`",
-                            image));
+                fmt::format("names the image {}, which {}; put it beside this file, or give an "
+                            "image with `image`",
+                            image, problem));
   }
-  return InputFile(image);
+  return material.named_by.empty() ? InputFile(image) : open_named(material.named_by, image);
 }
 
 std::vector<std::string> leave_out_missing_images(TriangleMesh& mesh, const std::string& mesh_name,
@@ -194,15 +200,16 @@ std::vector<std::string> leave_out_missing_images(TriangleMesh& mesh, const std:
   std::set<std::string> told;
   for (MeshMaterial& material : mesh.material) {
     for (std::string* const named : images_of(material)) {
-      if (!is_missing(mesh, *named)) continue;
+      const std::string problem = problem_of(mesh, material, *named);
+      if (problem.empty()) continue;
       const std::string missing = std::exchange(*named, "");
       const bool is_texture = named == &material.texture;
       if ((is_texture && !image.empty()) || !told.insert(missing).second) continue;
-      sentences.push_back(fmt::format(
-          "{}: names the image {}, which is not there; the material {} is shown without it{}",
-          material.named_by.empty() ? mesh_name : material.named_by, missing,
-          material.name.empty() ? "without a name" : material.name,
-          is_texture ? "; `image` gives another" : ""));
+      sentences.push_back(
+          fmt::format("{}: names the image {}, which {}; the material {} is shown without it{}",
+                      material.named_by.empty() ? mesh_name : material.named_by, missing, problem,
+                      material.name.empty() ? "without a name" : material.name,
+                      is_texture ? "; `image` gives another" : ""));
     }
   }
   return sentences;
