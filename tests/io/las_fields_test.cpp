@@ -248,7 +248,7 @@ TEST(LasFields, NothingIsLostWithoutAWord) {
   std::mt19937 random(7);
   std::size_t said = 0;
   std::size_t kept = 0;
-  for (int round = 0; round < cases(30); ++round) {
+  for (int round = 0; round < cases(15); ++round) {
     const std::size_t count = 1 + random() % 300;
     std::vector<ExtraProperty> columns;
     for (const std::string& name : names) {
@@ -297,8 +297,8 @@ TEST(LasFields, NothingIsLostWithoutAWord) {
           << column.name;
     }
   }
-  EXPECT_GT(said, 50U);
-  EXPECT_GT(kept, 40U);
+  EXPECT_GT(said, 20U);
+  EXPECT_GT(kept, 20U);
 }
 
 TEST(LasFields, NamesOfCopcAreRefused) {
