@@ -200,6 +200,7 @@ TEST(MissingImages, AreToldByTheFileThatNamesThem) {
   EXPECT_EQ(failure([&] { load_textures({}, &mesh, "tree.obj"); }),
             "tree.mtl: names the image nowhere/bark.png, which is not there; put it beside this "
             "file, or give an image with `image`");
+  EXPECT_TRUE(image_files(mesh).empty());
   TriangleMesh replaced = mesh;
   EXPECT_TRUE(leave_out_missing_images(replaced, "tree.obj", "other.png").empty());
   EXPECT_EQ(leave_out_missing_images(mesh, "tree.obj"),

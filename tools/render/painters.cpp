@@ -68,10 +68,10 @@ Scene load_scene(tool::Tool& tool, const Settings& s) {
   Scene scene = read_scene(s.scene_file);
   if (s.refraction == Refractions::kSingle) scene.refraction = Refraction::kSingle;
   if (s.refraction == Refractions::kMulti) scene.refraction = Refraction::kMulti;
-  if (scene.environment) {
+  if (s.render.lit) load_environment(scene);
+  if (scene.environment && scene.environment->map) {
     tool.files().read_also("the environment map", scene.environment->image);
   }
-  if (s.render.lit) load_environment(scene);
   return scene;
 }
 

@@ -219,7 +219,8 @@ std::vector<std::string> image_files(const TriangleMesh& mesh) {
   std::vector<std::string> files;
   for (const MeshMaterial& material : mesh.material) {
     for (const std::string* const image : images_of(material)) {
-      if (!image->empty() && !find_embedded(mesh, *image)) files.push_back(*image);
+      if (image->empty() || find_embedded(mesh, *image)) continue;
+      if (problem_of(mesh, material, *image).empty()) files.push_back(*image);
     }
   }
   return files;

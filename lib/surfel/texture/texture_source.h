@@ -35,7 +35,7 @@ SURFEL_API InputFile material_image(const TriangleMesh& mesh, const MeshMaterial
 SURFEL_API std::vector<std::string> leave_out_missing_images(TriangleMesh& mesh,
                                                              const std::string& mesh_name,
                                                              const std::string& image = {});
-/// The files among the images that the mesh's materials name.
+/// The files among the images that the mesh's materials name, of those that can be read.
 SURFEL_API std::vector<std::string> image_files(const TriangleMesh& mesh);
 
 /// Where the texture comes from, and how it is repeated.
