@@ -99,7 +99,6 @@ void require_format(const std::string& path, Writes what) {
     throw_usage(fmt::format("{}: is the name of a folder; name a file", path));
   }
   if (path == "-" && what != Writes::kSky) return;
-  refuse_copc_name(path);
   const std::string as = lower_extension(path);
   if (what == Writes::kFilm && (as == ".mp4" || as == ".webm" || as == ".gif")) return;
   if (what == Writes::kPicture || what == Writes::kFilm) {
@@ -108,7 +107,9 @@ void require_format(const std::string& path, Writes what) {
   }
   const auto [contents, extensions] = formats_of(what);
   const std::string extension = lower_extension(path);
-  if (std::count(extensions.begin(), extensions.end(), extension) > 0) return;
+  if (std::count(extensions.begin(), extensions.end(), extension) > 0) {
+    return refuse_copc_name(path);
+  }
   std::vector<std::string> choices = extensions;
   std::erase(choices, "");
   throw_usage(fmt::format(
