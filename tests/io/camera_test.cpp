@@ -322,5 +322,36 @@ TEST(SceneFile, RefusesWhatItDoesNotKnow) {
   EXPECT_NE(message.find("line 1: refraction \"double\""), std::string::npos) << message;
 }
 
+/// `count` times the text, one behind the other.
+std::string repeated(std::size_t count, const std::string& text) {
+  std::string all;
+  for (std::size_t i = 0; i < count; ++i) all += text;
+  return all;
+}
+
+TEST(SceneFile, RefusesDeepAndLargeTextsBeforeItParsesThem) {
+  const TemporaryFolder folder;
+  const auto error = [&](const std::string& text) {
+    return message_of([&] { read_scene(written(folder, text)); });
+  };
+  const std::string key = repeated(100000, "a.") + "b";
+  for (const std::string& deep :
+       {key + " = 1\n", "[" + key + "]\n", "[[" + key + "]]\n",
+        repeated(100000, "'a'.") + "b = 1\n", "a = {" + key + " = 1}\n",
+        "a = [\"\"\"a\"\"\"\"\", {" + key + " = 1}]\n", "a = " + repeated(100000, "["),
+        "a = " + repeated(100000, "{a = ")}) {
+    const std::string message = error("ambient = [0, 0, 0]\n" + deep);
+    EXPECT_NE(message.find("file.toml: line 2: keys of more than 32 parts"), std::string::npos)
+        << deep.substr(0, 20) << message;
+  }
+  EXPECT_NE(error(repeated(5 << 20, "\n")).find("more than 4 MB of TOML"), std::string::npos);
+  // Dots of strings, comments and numbers make nothing deep.
+  const std::string path = repeated(100, "../");
+  EXPECT_NE(error("# " + path + "\nlights = ['" + path + "', \"\\\"" + path + "\", '''" + path +
+                  "''', " + repeated(100, "0.5, ") + "]\n")
+                .find("file.toml: line 2: unknown key lights"),
+            std::string::npos);
+}
+
 }  // namespace
 }  // namespace surfel::test

@@ -2,44 +2,17 @@
 
 #include <charconv>
 #include <cmath>
-#include <optional>
-#include <sstream>
+#include <istream>
 
 #include <fmt/format.h>
-#include <toml++/toml.h>
+#include <fmt/ranges.h>
+#include <surfel/base/error.h>
+#include <surfel/io/toml_settings.h>
 
 #include "tools/support/options.h"
 
 namespace surfel::tool {
 namespace {
-
-/// A scalar as the command line would have it; nullopt for tables, dates and arrays.
-std::optional<std::string> as_argument(const toml::node& node) {
-  if (const auto* text = node.as_string()) return text->get();
-  if (const auto* flag = node.as_boolean()) return flag->get() ? "true" : "false";
-  if (const auto* integer = node.as_integer()) return std::to_string(integer->get());
-  if (const auto* number = node.as_floating_point()) return fmt::format("{}", number->get());
-  return std::nullopt;
-}
-
-/// The values for one option. An array fills an option of many values, or is joined by commas for
-/// one that takes a vector as text (`eye = [0, 0, 3]`).
-std::optional<std::vector<std::string>> as_arguments(const toml::node& node, bool many) {
-  const toml::array* array = node.as_array();
-  if (!array) {
-    const auto value = as_argument(node);
-    if (!value) return std::nullopt;
-    return std::vector{*value};
-  }
-  std::vector<std::string> values;
-  for (const toml::node& element : *array) {
-    const auto value = as_argument(element);
-    if (!value) return std::nullopt;
-    values.push_back(*value);
-  }
-  if (many) return values;
-  return std::vector{fmt::format("{}", fmt::join(values, ","))};
-}
 
 /// As a number where the option takes numbers and the text is one.
 Json typed(const Option& option, const std::string& text) {
@@ -91,17 +64,20 @@ Json value_in_force(const Option& option) {
 
 void read_config(CommandLine& app, std::istream& in) {
   const std::string file = app.config_file();
-  const auto fail = [&](const toml::source_region& where, const std::string& message) {
-    throw OptionError(fmt::format("{}: line {}: {}", file, where.begin.line, message));
-  };
-  toml::table table;
+  // A byte more than is read: what goes on for ever, such as a device, ends as too long.
+  std::string text(kMostTomlBytes + 1, '\0');
+  in.read(text.data(), static_cast<std::streamsize>(text.size()));
+  text.resize(static_cast<std::size_t>(in.gcount()));
+  std::vector<TomlSetting> settings;
   try {
-    table = toml::parse(in);
-  } catch (const toml::parse_error& error) {
-    fail(error.source(), std::string(error.description()));
+    settings = read_toml_settings(text, file);
+  } catch (const Error& error) {
+    throw OptionError(error.what());
   }
-  for (const auto& [toml_key, node] : table) {
-    const std::string key(toml_key.str());
+  for (const auto& [key, line, given] : settings) {
+    const auto fail = [&, at = line](const std::string& message) {
+      throw OptionError(fmt::format("{}: line {}: {}", file, at, message));
+    };
     Option* option = app.find_option("--" + key);
     if (!option || !option->configurable()) {
       std::vector<std::string> known;
@@ -110,20 +86,22 @@ void read_config(CommandLine& app, std::istream& in) {
           known.push_back(plain_name(*other));
         }
       }
-      fail(toml_key.source(), fmt::format("unknown option '{}'{}", key, did_you_mean(key, known)));
+      fail(fmt::format("unknown option '{}'{}", key, did_you_mean(key, known)));
     }
-    const auto values = as_arguments(node, option->takes_many());
-    if (!values) fail(node.source(), fmt::format("'{}' is not a value or a list of values", key));
+    if (!given) fail(fmt::format("'{}' is not a value or a list of values", key));
+    // An option that takes a vector as text is given an array joined by commas (eye = [0, 0, 3]).
+    const auto values =
+        option->takes_many() ? *given : std::vector{fmt::format("{}", fmt::join(*given, ","))};
     if (option->count() > 0) continue;  // Given on the command line.
     // Said again, a default says nothing: not even that the option was given, so that all settings
     // as --print-config prints them can be read although some exclude or need others.
-    const bool is_default = option->is_flag() ? values->front() == "false"
-                                              : typed(*option, *values) == value_in_force(*option);
+    const bool is_default = option->is_flag() ? values.front() == "false"
+                                              : typed(*option, values) == value_in_force(*option);
     if (is_default) continue;
     try {
-      option->give(*values);
+      option->give(values);
     } catch (const OptionError& error) {
-      fail(node.source(), error.what());
+      fail(error.what());
     }
   }
 }

@@ -15,6 +15,22 @@ constexpr int kMostDepth = 64;
 /// Doubles hold all whole numbers up to this one.
 constexpr double kMostExact = 0x1p53;
 
+/// Are there values in more than kMostDepth others? The parser could tell, but would look through
+/// all values of an array after each.
+bool is_deep(std::string_view text) {
+  int depth = 0;
+  bool quoted = false;
+  for (std::size_t i = 0; i < text.size() && depth <= kMostDepth; ++i) {
+    const char c = text[i];
+    if (c == '"') quoted = !quoted;
+    if (c == '\\' && quoted) ++i;
+    if (quoted) continue;
+    if (c == '[' || c == '{') ++depth;
+    if (c == ']' || c == '}') --depth;
+  }
+  return depth > kMostDepth;
+}
+
 }  // namespace
 
 void JsonView::fail(const std::string& message) const {
@@ -90,14 +106,11 @@ void JsonView::read_numbers(double* values, std::size_t count) const {
 }
 
 nlohmann::json parse_json(std::string_view text, const std::string& file) {
-  const auto shallow = [&](int depth, nlohmann::json::parse_event_t, nlohmann::json&) {
-    if (depth > kMostDepth) {
-      throw_input(file, fmt::format("values in more than {} others are not supported", kMostDepth));
-    }
-    return true;
-  };
+  if (is_deep(text)) {
+    throw_input(file, fmt::format("values in more than {} others are not supported", kMostDepth));
+  }
   try {
-    return nlohmann::json::parse(text.begin(), text.end(), shallow);
+    return nlohmann::json::parse(text.begin(), text.end());
   } catch (const nlohmann::json::parse_error& error) {
     const std::string_view before = text.substr(0, std::min(error.byte, text.size()));
     throw_input(file,

@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <cmath>
 
 #include <fmt/format.h>
@@ -5,9 +6,103 @@
 #include <surfel/base/error.h>
 #include <surfel/base/nearest_name.h>
 #include <surfel/io/toml_reader.h>
+#include <surfel/io/toml_settings.h>
 #include <toml++/toml.h>
 
 namespace surfel {
+namespace {
+
+/// Parts of a key, and values around a value. toml++ makes, and removes, tables in tables by
+/// recursion, which ends with the stack.
+constexpr int kMostLevels = 32;
+
+/// Characters of the string or comment that `text` starts with; 0 where it starts with neither.
+std::size_t skipped_length(std::string_view text) {
+  const char quote = text.front();
+  if (quote == '#') return std::min(text.find('\n'), text.size());
+  if (quote != '"' && quote != '\'') return 0;
+  const std::string_view three = quote == '"' ? R"(""")" : "'''";
+  const std::string_view end = text.starts_with(three) ? three : three.substr(0, 1);
+  for (std::size_t i = end.size(); i < text.size(); ++i) {
+    if (text.substr(i).starts_with(end)) {
+      // Of up to five quotes the last three end the string.
+      i += end.size();
+      for (int more = 0; end.size() == 3 && more < 2 && text.substr(i, 1) == end.substr(2); ++more)
+        ++i;
+      return i;
+    }
+    if (text[i] == '\n' && end.size() == 1) return i;
+    if (text[i] == '\\' && quote == '"') ++i;
+  }
+  return text.size();
+}
+
+/// Throws Error(kInput) for tables and arrays that lie deeper in others than the parser may go.
+void require_shallow(std::string_view text, const std::string& file) {
+  int open = 0;
+  int dots = 0;
+  for (std::size_t i = 0; i < text.size(); ++i) {
+    if (const std::size_t length = skipped_length(text.substr(i))) {
+      i += length - 1;
+      continue;
+    }
+    const char c = text[i];
+    if (c == '.') ++dots;
+    if (c == '\n' || c == ',' || c == '=') dots = 0;
+    if (c == '[' || c == '{') ++open;
+    if ((c == ']' || c == '}') && open > 0) --open;
+    if (dots >= kMostLevels || open > kMostLevels) {
+      throw_input(file, fmt::format("line {}: keys of more than {} parts, and values in more than "
+                                    "{} others, are not supported",
+                                    1 + std::count(text.begin(), text.begin() + i, '\n'),
+                                    kMostLevels, kMostLevels));
+    }
+  }
+}
+
+void require_short(std::size_t bytes, const std::string& file) {
+  if (bytes <= kMostTomlBytes) return;
+  throw_input(file, fmt::format("more than {} MB of TOML are not supported; is it the right file?",
+                                kMostTomlBytes >> 20));
+}
+
+/// The one place where text meets the parser.
+toml::table parse_toml(std::string_view text, const std::string& file) {
+  require_short(text.size(), file);
+  require_shallow(text, file);
+  try {
+    return toml::parse(text);
+  } catch (const toml::parse_error& error) {
+    throw_input(file, fmt::format("line {}: {}", error.source().begin.line, error.description()));
+  }
+}
+
+/// A scalar as a command line would have it; nullopt for tables, dates and arrays.
+std::optional<std::string> as_argument(const toml::node& node) {
+  if (const auto* text = node.as_string()) return text->get();
+  if (const auto* flag = node.as_boolean()) return flag->get() ? "true" : "false";
+  if (const auto* integer = node.as_integer()) return std::to_string(integer->get());
+  if (const auto* number = node.as_floating_point()) return fmt::format("{}", number->get());
+  return std::nullopt;
+}
+
+/// The values of a scalar or of an array of scalars.
+std::optional<std::vector<std::string>> as_arguments(const toml::node& node) {
+  std::vector<std::string> values;
+  const auto add = [&](const toml::node& element) {
+    if (auto value = as_argument(element)) values.push_back(std::move(*value));
+  };
+  const toml::array* array = node.as_array();
+  if (array) {
+    for (const toml::node& element : *array) add(element);
+  } else {
+    add(node);
+  }
+  if (values.size() != (array ? array->size() : 1)) return std::nullopt;
+  return values;
+}
+
+}  // namespace
 
 struct TomlTable::Node {
   std::shared_ptr<const toml::table> file;  ///< Keeps the tree alive.
@@ -144,12 +239,8 @@ InputFile open_toml(const std::string& path) {
 TomlReader::TomlReader(const InputFile& file) {
   auto node = std::make_shared<TomlTable::Node>();
   node->path = file.name();
-  try {
-    node->file = std::make_shared<const toml::table>(toml::parse(as_text(file.bytes())));
-  } catch (const toml::parse_error& error) {
-    throw_input(file.name(),
-                fmt::format("line {}: {}", error.source().begin.line, error.description()));
-  }
+  require_short(file.size(), file.name());
+  node->file = std::make_shared<const toml::table>(parse_toml(as_text(file.bytes()), file.name()));
   node->table = node->file.get();
   root_.node_ = std::move(node);
 }
@@ -183,6 +274,15 @@ std::vector<TomlTable> TomlReader::tables(const char* name) const {
     found.push_back(root_.child(item.as_table()));
   }
   return found;
+}
+
+std::vector<TomlSetting> read_toml_settings(std::string_view text, const std::string& file) {
+  std::vector<TomlSetting> settings;
+  for (const auto& [key, node] : parse_toml(text, file)) {
+    settings.push_back({std::string(key.str()), static_cast<std::size_t>(key.source().begin.line),
+                        as_arguments(node)});
+  }
+  return settings;
 }
 
 }  // namespace surfel
