@@ -40,13 +40,15 @@ class ExrBytes {
   std::string_view bytes_;
 };
 
-/// Bytes that the channels of a pixel take.
-std::uint64_t pixel_bytes(ExrBytes list) {
+/// Bytes that the channels of a pixel take, of which some channels may have fewer than the picture.
+double pixel_bytes(ExrBytes list) {
   constexpr std::int32_t kHalf = 1;
-  std::uint64_t bytes = 0;
+  double bytes = 0;
   while (!list.name().empty()) {
-    bytes += list.number() == kHalf ? 2 : 4;
-    list.take(12);  // Linearity and subsampling.
+    const double value = list.number() == kHalf ? 2 : 4;
+    list.take(4);  // Linearity.
+    const double columns = std::max(1, list.number());
+    bytes += value / columns / std::max(1, list.number());
   }
   return bytes;
 }
@@ -96,20 +98,10 @@ bool fills_attribute(std::string_view type, ExrBytes value) {
   return fixed == kFixedSizes.end() || fixed->bytes == length;
 }
 
-struct Compression {
-  std::uint64_t rows;        ///< Compressed together.
-  std::uint64_t best_ratio;  ///< Deflate's is 1032; DWA keeps of empty blocks one value of 64.
-};
-constexpr std::array<Compression, 10> kCompressions{{{1, 1},
-                                                     {1, 128},
-                                                     {1, 1032},
-                                                     {16, 1032},
-                                                     {32, 1032},
-                                                     {16, 2064},
-                                                     {32, 1032},
-                                                     {32, 1032},
-                                                     {32, 66048},
-                                                     {256, 66048}}};
+/// Bytes that a byte of the file can stand for, by compression: deflate's are 1032; DWA keeps of
+/// empty blocks one value of 64.
+constexpr std::array<double, 10> kBestRatios{1,    128,  1032, 1032,  1032,
+                                             2064, 1032, 1032, 66048, 66048};
 
 }  // namespace
 
@@ -123,9 +115,6 @@ std::optional<ExrSize> exr_size(const InputFile& file) {
   constexpr std::int32_t kMultipart = 0x1000;
   const bool multipart = (in.number() & kMultipart) != 0;
   ExrSize size;
-  std::uint64_t bytes = 0;
-  Compression compression = kCompressions.front();
-  bool tiled = false;
   // Calls visit(name, value) for every attribute of a header; is there one?
   const auto attributes = [&](const auto& visit) {
     bool any = false;
@@ -145,13 +134,11 @@ std::optional<ExrSize> exr_size(const InputFile& file) {
   };
   attributes([&](std::string_view name, ExrBytes value) {
     if (name == "channels") {
-      bytes = pixel_bytes(value);
+      size.pixel_bytes = pixel_bytes(value);
     } else if (name == "compression") {
       const std::string_view kind = value.take(1);
       const std::size_t index = kind.empty() ? 0 : static_cast<unsigned char>(kind.front());
-      if (index < kCompressions.size()) compression = kCompressions[index];
-    } else if (name == "tiles") {
-      tiled = true;
+      if (index < kBestRatios.size()) size.best_ratio = kBestRatios[index];
     } else if (name == "dataWindow") {
       const std::array<std::int64_t, 4> box{value.number(), value.number(), value.number(),
                                             value.number()};
@@ -162,10 +149,8 @@ std::optional<ExrSize> exr_size(const InputFile& file) {
   // An empty header is the last.
   while (multipart && attributes([](std::string_view, const ExrBytes&) {})) continue;
   if (size.damaged) return size;
-  if (bytes == 0 || size.pixels.width == 0 || size.pixels.height == 0) return std::nullopt;
-  const std::uint64_t rows = std::min<std::uint64_t>(compression.rows, size.pixels.height);
-  if (!tiled) size.piece_bytes = rows * size.pixels.width * bytes;
-  size.best_ratio = compression.best_ratio;
+  const bool known = size.pixel_bytes > 0 && size.pixels.width > 0 && size.pixels.height > 0;
+  if (!known) return std::nullopt;
   return size;
 }
 

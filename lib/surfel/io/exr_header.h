@@ -10,11 +10,11 @@ namespace surfel {
 
 /// What the header of an OpenEXR file says of its size.
 struct ExrSize {
-  PixelSize pixels;               ///< Of the data window.
-  std::uint64_t piece_bytes = 0;  ///< Rows that are compressed together, decoded; 0 for tiles.
-  std::uint64_t best_ratio = 1;   ///< Bytes that a byte of the file can stand for.
-  bool damaged = false;           ///< An attribute is longer than the rest of the file, or its
-                                  ///< value is not as long as the attribute.
+  PixelSize pixels;        ///< Of the data window.
+  double pixel_bytes = 0;  ///< Of all channels of a pixel.
+  double best_ratio = 1;   ///< Bytes that a byte of the file can stand for.
+  bool damaged = false;    ///< An attribute is longer than the rest of the file, or its value is
+                           ///< not as long as the attribute.
 };
 
 /// Reads the header of a file's first picture, and looks through the headers of its further

@@ -104,8 +104,8 @@ class FileStream final : public Imf::IStream {
   std::uint64_t at_ = 0;
 };
 
-/// Throws Error(kInput) where the file is larger than may be read, or claims pieces that it cannot
-/// hold: OpenEXR takes memory for a piece when it opens the file.
+/// Throws Error(kInput) where the picture is larger than may be read, or than the file can hold:
+/// OpenEXR takes memory for rows that are compressed together when it opens the file.
 void check_header(const InputFile& file) {
   const std::optional<ExrSize> exr = exr_size(file);
   if (!exr) return;
@@ -115,11 +115,7 @@ void check_header(const InputFile& file) {
                 "export it again");
   }
   check_pixel_count(exr->pixels, file.name());
-  if (exr->piece_bytes / exr->best_ratio <= file.size()) return;
-  throw_input(file.name(),
-              fmt::format("damaged image: {} x {} pixels in pieces of {} bytes are "
-                          "more than {} bytes can hold; export it again",
-                          exr->pixels.width, exr->pixels.height, exr->piece_bytes, file.size()));
+  check_promise(exr->pixels, exr->pixel_bytes, exr->best_ratio, file.size(), file.name());
 }
 
 /// Where a channel stands among the others: by its layer, within a layer R G B A first, and grey Y

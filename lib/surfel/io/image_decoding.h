@@ -59,6 +59,18 @@ inline void check_fits(PixelSize size, int channels, const std::string& name) {
   }
 }
 
+/// Throws Error(kInput) where a picture's header claims more bytes of pixels than its file can
+/// hold, each byte of which stands for `best_ratio` at most.
+inline void check_promise(PixelSize size, double pixel_bytes, double best_ratio,
+                          std::size_t file_bytes, const std::string& name) {
+  const double bytes =
+      static_cast<double>(size.width) * static_cast<double>(size.height) * pixel_bytes;
+  if (bytes <= best_ratio * static_cast<double>(file_bytes)) return;
+  throw_input(name, fmt::format("damaged image: {} x {} pixels are more than {} bytes can hold; it "
+                                "is truncated or its header is wrong",
+                                size.width, size.height, file_bytes));
+}
+
 /// One value as a fraction of full scale, still encoded.
 inline float fraction(std::uint8_t value) { return static_cast<float>(value) / 255.0f; }
 inline float fraction(std::uint16_t value) { return static_cast<float>(value) / 65535.0f; }

@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <filesystem>
 #include <limits>
 #include <memory>
@@ -24,6 +25,7 @@
 #include <surfel/io/image_plugin.h>
 #include <surfel/io/input_file.h>
 #include <surfel/io/png_writer.h>
+#include <surfel/io/record_table.h>
 
 namespace surfel {
 namespace {
@@ -31,6 +33,19 @@ namespace {
 /// More than any picture needs; a damaged header may claim thousands.
 constexpr int kMostChannels = 256;
 constexpr std::uint64_t kMegabyte = 1 << 20;
+
+/// Bytes of pixels that a byte of a file may stand for, and bytes of pixels that any file may have:
+/// LZW makes 10,240 bytes of R G B A of a byte, and deflate of 1-bit pixels 8256. Formats that
+/// compress one colour without bound (WebP, CCITT's) keep to it where there is a picture.
+constexpr double kBestRatio = 16384;
+constexpr double kSmallPicture = 0x1p24;
+
+/// As check_promise(), for any format.
+void check_claim(PixelSize size, double pixel_bytes, const InputFile& file) {
+  const double bytes =
+      static_cast<double>(size.width) * static_cast<double>(size.height) * pixel_bytes;
+  if (bytes > kSmallPicture) check_promise(size, pixel_bytes, kBestRatio, file.size(), file.name());
+}
 
 /// Most megabytes of pixels of an image that is read as a whole.
 std::uint64_t most_megabytes() {
@@ -70,7 +85,7 @@ class OpeningSettings {
 /// Last line of OpenImageIO's message without trailing punctuation; the first lines often repeat
 /// the same for each reader that was tried.
 std::string cause(std::string message) {
-  const auto is_junk = [](char c) { return c == '\n' || c == ' ' || c == '.'; };
+  const auto is_junk = [](char c) { return c == '\n' || c == ' ' || c == '.' || c == ':'; };
   while (!message.empty() && is_junk(message.back())) message.pop_back();
   const std::size_t line = message.rfind('\n');
   if (line != std::string::npos) message.erase(0, line + 1);
@@ -88,6 +103,29 @@ bool has_associated_alpha(const OIIO::ImageInput& input, const ColorChannels& c)
          input.spec().get_int_attribute("oiio:UnassociatedAlpha") == 0;
 }
 
+/// Reads the channels [c_begin, c_end) of the rows [y_begin, y_end), counted from the first, of a
+/// picture without tiles. False after an error.
+template <class T>
+bool read_rows(OIIO::ImageInput& input, int y_begin, int y_end, int c_begin, int c_end, T* to) {
+  constexpr OIIO::TypeDesc kType = OIIO::BaseTypeFromC<T>::value;
+  const OIIO::ImageSpec& spec = input.spec();
+  if (std::string(input.format_name()) != "tiff") {
+    return input.read_scanlines(0, 0, spec.y + y_begin, spec.y + y_end, spec.z, c_begin, c_end,
+                                kType, to);
+  }
+  // Of strips that OpenImageIO inflates itself it tells no errors; libtiff inflates single rows.
+  const auto stride = static_cast<std::size_t>(spec.nchannels);
+  const auto wanted = static_cast<std::size_t>(c_end - c_begin);
+  Array<T> row(static_cast<std::size_t>(spec.width) * stride);
+  for (int y = y_begin; y < y_end; ++y) {
+    if (!input.read_scanline(spec.y + y, spec.z, kType, row.data())) return false;
+    for (const T* from = row.data() + c_begin; from < row.data() + row.size(); from += stride) {
+      to = std::copy_n(from, wanted, to);
+    }
+  }
+  return true;
+}
+
 /// Reads the pixels as T and converts them.
 template <class T>
 Image read_pixels(OIIO::ImageInput& input, const std::string& name, ImageForm form) {
@@ -95,7 +133,11 @@ Image read_pixels(OIIO::ImageInput& input, const std::string& name, ImageForm fo
   const auto channels = static_cast<std::size_t>(spec.nchannels);
   const PixelSize size{static_cast<std::size_t>(spec.width), static_cast<std::size_t>(spec.height)};
   Array<T> pixels(size.width * size.height * channels);
-  if (!input.read_image(0, 0, 0, spec.nchannels, OIIO::BaseTypeFromC<T>::value, pixels.data())) {
+  const bool good =
+      spec.tile_width > 0
+          ? input.read_image(0, 0, 0, spec.nchannels, OIIO::BaseTypeFromC<T>::value, pixels.data())
+          : read_rows(input, 0, spec.height, 0, spec.nchannels, pixels.data());
+  if (!good || input.has_error()) {
     throw_input(name, "damaged image: " + cause(input.geterror()));
   }
   const ColorChannels c = color_channels(spec.channelnames, spec.alpha_channel);
@@ -103,26 +145,56 @@ Image read_pixels(OIIO::ImageInput& input, const std::string& name, ImageForm fo
                        spec.channelnames, form);
 }
 
-/// Does a JPEG stream run up to its end marker? libjpeg completes a cut one in grey and says
-/// nothing. In the coded data between segments a 0xff is followed by 0, a restart marker or fill.
-bool jpeg_is_whole(std::span<const std::byte> bytes) {
+/// Checks a JPEG stream before libjpeg opens it: libjpeg completes a cut one in grey and says
+/// nothing, and takes memory for all pixels of a progressive one at once. In the coded data between
+/// segments a 0xff is followed by 0, a restart marker or fill.
+void check_jpeg(const InputFile& file) {
   // Markers, ITU-T T.81 table B.1.
-  constexpr int kTemporary = 0x01, kRestart0 = 0xd0, kStart = 0xd8, kEnd = 0xd9, kFill = 0xff;
-  const auto at = [&](std::size_t i) { return std::to_integer<int>(bytes[i]); };
+  constexpr int kTemporary = 0x01, kFrame0 = 0xc0, kTables = 0xc4, kFrame15 = 0xcf,
+                kRestart0 = 0xd0, kStart = 0xd8, kEnd = 0xd9, kFill = 0xff;
+  const std::span<const std::byte> bytes = file.bytes();
+  const auto at = [&](std::size_t i) { return std::to_integer<unsigned>(bytes[i]); };
+  const auto number = [&](std::size_t i) { return std::size_t{at(i) << 8 | at(i + 1)}; };
   for (std::size_t i = 0; i + 1 < bytes.size();) {
-    const int marker = at(i + 1);
+    const auto marker = static_cast<int>(at(i + 1));
     if (at(i) != kFill || marker == kFill) {
       ++i;
     } else if (marker == kEnd) {
-      return true;
+      return;
     } else if (marker <= kTemporary || (marker >= kRestart0 && marker <= kStart)) {
       i += 2;
     } else {
-      if (i + 3 >= bytes.size()) return false;
-      i += 2 + static_cast<std::size_t>(at(i + 2) << 8 | at(i + 3));
+      if (i + 3 >= bytes.size()) break;
+      // A frame's header: length, bits, height, width, components.
+      const bool frame = marker >= kFrame0 && marker <= kFrame15 && marker != kTables;
+      if (frame && i + 9 < bytes.size())
+        check_claim({number(i + 7), number(i + 5)}, at(i + 9), file);
+      i += 2 + number(i + 2);
     }
   }
-  return false;
+  throw_input(file.name(), "damaged image: the JPEG data ends too early");
+}
+
+/// Checks what OpenImageIO does not before it takes memory as it opens a file.
+void check_content(const InputFile& file) {
+  constexpr std::size_t kHead = 4096;
+  constexpr bool kBigEndian = std::endian::native == std::endian::big;
+  const std::string_view head = as_text(file.head(kHead));
+  const auto* const bytes = reinterpret_cast<const std::byte*>(head.data());
+  if (head.starts_with("\xff\xd8")) check_jpeg(file);
+  if (head.starts_with("GIF8") && head.size() >= 10) {
+    check_claim({load_scalar<std::uint16_t, kBigEndian>(bytes + 6),
+                 load_scalar<std::uint16_t, kBigEndian>(bytes + 8)},
+                4, file);
+  }
+  // The start of a codestream of JPEG 2000: SOC and SIZ, its length and profile, width, height, six
+  // more numbers and the components.
+  const std::size_t size = head.find("\xff\x4f\xff\x51");
+  if (size != std::string_view::npos && head.size() - size >= 42) {
+    check_claim({load_scalar<std::uint32_t, !kBigEndian>(bytes + size + 8),
+                 load_scalar<std::uint32_t, !kBigEndian>(bytes + size + 12)},
+                load_scalar<std::uint16_t, !kBigEndian>(bytes + size + 40), file);
+  }
 }
 
 /// OpenImageIO's name of the format of bytes in memory, which it does not find out by itself; empty
@@ -176,6 +248,7 @@ void check_flat(const OIIO::ImageSpec& spec, const std::string& path) {
 struct OpenedImage {
   OpenedImage(InputFile opened, const std::string& path, std::uint64_t most_megabytes)
       : file(std::move(opened)) {
+    check_content(file);
     const OpeningSettings settings(most_megabytes);
     OIIO::ImageSpec hints;
     hints.attribute("oiio:UnassociatedAlpha", 1);
@@ -184,13 +257,12 @@ struct OpenedImage {
     if (!named) memory.emplace(file.bytes().data(), file.bytes().size());
     input = named ? open_file(path, hints) : open_piped(file, hints, *memory);
     input->threads(thread_count());
-    if (std::string(input->format_name()) == "jpeg" && !jpeg_is_whole(file.bytes())) {
-      throw_input(file.name(), "damaged image: the JPEG data ends too early");
-    }
-    check_flat(input->spec(), file.name());
-    check_pixel_count({static_cast<std::size_t>(input->spec().width),
-                       static_cast<std::size_t>(input->spec().height)},
-                      file.name());
+    const OIIO::ImageSpec& spec = input->spec();
+    check_flat(spec, file.name());
+    const PixelSize size{static_cast<std::size_t>(spec.width),
+                         static_cast<std::size_t>(spec.height)};
+    check_pixel_count(size, file.name());
+    check_claim(size, static_cast<double>(spec.pixel_bytes(true)), file);
   }
 
   InputFile file;
@@ -263,17 +335,17 @@ class PluginReader final : public ImageReader {
                     up(box.y_end, tile_height, spec_.height)};
     const auto channels = static_cast<std::size_t>(channel_count_);
     Array<T> pixels(whole.pixels() * channels);
-    const int y_begin = spec_.y + whole.y_begin;
-    const int y_end = spec_.y + whole.y_end;
     const int channel_end = first_channel_ + channel_count_;
     constexpr OIIO::TypeDesc kType = OIIO::BaseTypeFromC<T>::value;
     OIIO::ImageInput& input = *image_.input;
-    const bool good = tiled ? input.read_tiles(0, 0, spec_.x + whole.x_begin, spec_.x + whole.x_end,
-                                               y_begin, y_end, spec_.z, spec_.z + 1, first_channel_,
-                                               channel_end, kType, pixels.data())
-                            : input.read_scanlines(0, 0, y_begin, y_end, spec_.z, first_channel_,
-                                                   channel_end, kType, pixels.data());
-    if (!good) throw_input(layout_.name, "damaged image: " + cause(input.geterror()));
+    const bool good =
+        tiled ? input.read_tiles(0, 0, spec_.x + whole.x_begin, spec_.x + whole.x_end,
+                                 spec_.y + whole.y_begin, spec_.y + whole.y_end, spec_.z,
+                                 spec_.z + 1, first_channel_, channel_end, kType, pixels.data())
+              : read_rows(input, whole.y_begin, whole.y_end, first_channel_, channel_end,
+                          pixels.data());
+    if (!good || input.has_error())
+      throw_input(layout_.name, "damaged image: " + cause(input.geterror()));
     const std::size_t row = box.width() * channels;
     const std::size_t whole_row = whole.width() * channels;
     if (row == whole_row && box.y_begin == whole.y_begin) return pixels;

@@ -23,6 +23,9 @@ namespace {
 
 constexpr std::size_t kSignature = 8;  ///< Bytes by which PNG files are known.
 
+/// Deflate makes of two bits a match of 258 bytes at most.
+constexpr double kBestDeflate = 1032;
+
 /// All objects that libpng uses while it reads. They are made before, because libpng's errors jump
 /// over destructors.
 struct PngReadJob {
@@ -30,6 +33,7 @@ struct PngReadJob {
   png_structp png = nullptr;
   png_infop info = nullptr;
   std::size_t at = 0;              ///< Next byte to read.
+  int pixel_bits = 0;              ///< Of a pixel in the file.
   std::vector<std::byte> skipped;  ///< A row that nobody wants.
   PngErrors errors;
 
@@ -52,6 +56,7 @@ bool start(PngReadJob& job) {
   if (setjmp(png_jmpbuf(job.png)) != 0) return false;  // NOLINT: libpng's way.
   png_set_read_fn(job.png, &job, take);
   png_read_info(job.png, job.info);
+  job.pixel_bits = png_get_channels(job.png, job.info) * png_get_bit_depth(job.png, job.info);
   png_set_expand(job.png);
   if constexpr (std::endian::native == std::endian::little) png_set_swap(job.png);
   png_set_interlace_handling(job.png);
@@ -99,6 +104,7 @@ class PngPixels {
     png_const_structp png = job_->png;
     png_const_infop info = job_->info;
     size_ = {png_get_image_width(png, info), png_get_image_height(png, info)};
+    check_promise(size_, job_->pixel_bits / 8.0, kBestDeflate, file_.size(), name());
     channels_ = png_get_channels(png, info);
     wide_ = png_get_bit_depth(png, info) == 16;
     interlaced_ = png_get_interlace_type(png, info) != PNG_INTERLACE_NONE;
