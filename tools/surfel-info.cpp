@@ -443,7 +443,7 @@ std::vector<std::pair<std::string, std::string>> lines_of(const Json& descriptio
         line("attribute", text(attribute["name"]) + ": " + text(spread));
       }
       if (!value.empty()) {
-        line("", fmt::format("surfel-render {} -o picture.png --color-by {}",
+        line("", fmt::format("surfel-render {} -o picture.png --color-by={}",
                              surfel::shell_file(text(description["file"])),
                              surfel::shell_quoted(text(value.front()["name"]))));
       }

@@ -72,7 +72,7 @@ void require_surfels(const std::string& path) {
   if (kind == surfel::FileKind::kGaussians) surfel::refuse_gaussians(path);
   if (kind == surfel::FileKind::kVolume) surfel::refuse_volume(path);
   const auto made_by = [&](const char* maker, const std::string& more) {
-    return surfel::shell_command({maker, path}) + more + " -o surfels.ply";
+    return fmt::format("{} {}{} -o surfels.ply", maker, surfel::shell_file(path), more);
   };
   if (kind == surfel::FileKind::kMesh) {
     surfel::throw_input(path, "is a mesh; " + made_by("surfel-from-mesh", " --count 300000") +

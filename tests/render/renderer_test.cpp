@@ -528,7 +528,10 @@ TEST(RenderOptions, DefaultsAreValidAndBadValuesAreRefused) {
   EXPECT_TRUE(refused([](RenderOptions& o) { o.layers = 0; }));
   EXPECT_TRUE(refused([](RenderOptions& o) { o.layers = 65; }));
   EXPECT_TRUE(refused([](RenderOptions& o) { o.depth_epsilon = 0; }));
+  EXPECT_TRUE(refused([](RenderOptions& o) { o.depth_epsilon = 1e-300; }));
   EXPECT_TRUE(refused([](RenderOptions& o) { o.coverage_threshold = 0; }));
+  EXPECT_TRUE(refused([](RenderOptions& o) { o.coverage_threshold = 1e-300; }));
+  EXPECT_TRUE(refused([](RenderOptions& o) { o.coverage_threshold = 1e5; }));
   EXPECT_TRUE(refused([](RenderOptions& o) { o.background[3] = 2; }));
   EXPECT_TRUE(refused([](RenderOptions& o) { o.batch = 1; }));
 }

@@ -1,4 +1,5 @@
 #include <filesystem>
+#include <memory>
 #include <regex>
 #include <string>
 
@@ -28,6 +29,9 @@ class ViewPage : public testing::Test {
     std::string page;
     write_view_page(clouds, options, [&](std::string_view text) { page += text; });
     return page;
+  }
+  std::unique_ptr<ViewCloud> new_cloud(const std::string& name) const {
+    return std::make_unique<ViewCloud>(file(sphere(300), name), ViewCloudOptions());
   }
   /// The JSON that the page begins with.
   static nlohmann::json facts(const std::string& page) {
@@ -63,6 +67,18 @@ class ViewPage : public testing::Test {
   }
   TemporaryFolder folder_;
 };
+
+TEST_F(ViewPage, NamesOfFilesAreNotFilledIn) {
+  const std::string plain = page_of({new_cloud("ball.ply").get()});
+  for (const std::string name : {"@page@.ply", "@data@.ply", "@style@@title@.ply"}) {
+    const std::string page = page_of({new_cloud(name).get()});
+    EXPECT_EQ(facts(page)["files"][0]["name"], name);
+    EXPECT_NE(page.find("<title>" + name), std::string::npos);
+    EXPECT_EQ(modules(page), modules(plain));
+  }
+  const std::string page = page_of({new_cloud("@data@\n.ply").get()});
+  EXPECT_EQ(modules(page), modules(plain));
+}
 
 TEST_F(ViewPage, AsksForNothingBesideItself) {
   const ViewCloud cloud(file(sphere(1000)), {});

@@ -134,10 +134,10 @@ void declare_visibility(tool::CommandLine& app, Settings& s) {
                  "Fragments per pixel of --method abuffer, deferred and two-pass, 1..64");
   app.add_option(
       "--depth-epsilon", s.render.depth_epsilon,
-      "Surfaces within this many footprints (to beta = 1) in depth are one, > 0; flat and "
+      "Surfaces within this many footprints (to beta = 1) in depth are one, 1e-6..1e6; flat and "
       "transparent ones: within half as many");
   app.add_option("--coverage-threshold", s.render.coverage_threshold,
-                 "Sum of kernels that covers a pixel, > 0; default: by the cutoff");
+                 "Sum of kernels that covers a pixel, 1e-12..1000; default: by the cutoff");
   add_choice(app, "--cull", s.cull, {{"none", Cull::kNone}, {"back", Cull::kBack}},
              "Leave out surfels that face away: for closed, opaque surfaces");
 }

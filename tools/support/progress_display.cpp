@@ -138,7 +138,7 @@ void ProgressDisplay::erase() {
 }
 
 void ProgressDisplay::show_line() {
-  std::string line = running_.front().stage->name();
+  std::string line = printable(running_.front().stage->name());
   // Work that counts nothing itself is told by the stages within it.
   const auto counted = std::find_if(running_.begin(), running_.end(),
                                     [](const Running& r) { return r.stage->done() > 0; });

@@ -76,8 +76,8 @@ bool colored() {
 /// For messages and header comments, which are one line.
 std::string one_line(std::string text) {
   std::replace_if(
-      text.begin(), text.end(), [](unsigned char c) { return c < ' ' || c == 0x7f; }, ' ');
-  return text;
+      text.begin(), text.end(), [](char c) { return c == '\n' || c == '\r' || c == '\t'; }, ' ');
+  return printable(text);
 }
 
 constexpr const char* kOutOfMemory =
@@ -138,7 +138,7 @@ struct Tool::Impl {
   void refuse_pairs() const;
   std::string of_inputs(const std::string& text) const;
   Outcome attempt(const std::function<void()>& action) const;
-  void message(const std::string& text);
+  void message(const std::string& text, const char* kind = "");
   void error(const std::string& text);
   ProgressStyle progress_style() const;
   void write_report(OutputFile& file, const Outcome& outcome);
@@ -344,13 +344,13 @@ ProgressStyle Tool::Impl::progress_style() const {
                                                              : ProgressStyle::kNone;
 }
 
-void Tool::Impl::message(const std::string& text) {
+void Tool::Impl::message(const std::string& text, const char* kind) {
   const auto lock = display.lock();
-  tell(fmt::format("{}: {}\n", name, one_line(text)));
+  tell(fmt::format("{}: {}{}\n", name, kind, one_line(text)));
 }
 
 void Tool::Impl::error(const std::string& text) {
-  message((colored() ? "\033[31merror:\033[0m " : "error: ") + one_line(text));
+  message(text, colored() ? "\033[31merror:\033[0m " : "error: ");
 }
 
 void Tool::Impl::write_report(OutputFile& file, const Outcome& outcome) {
@@ -522,7 +522,8 @@ int Tool::run(int argc, char** argv, const std::function<void()>& body) {
 
 void print(const std::string& text) {
   require_standard_output();
-  write_all(STDOUT_FILENO, text.data(), text.size(), "standard output");
+  const std::string shown = printable(text);
+  write_all(STDOUT_FILENO, shown.data(), shown.size(), "standard output");
 }
 
 void require_valid(const std::vector<std::string>& problems) {

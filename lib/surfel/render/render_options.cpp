@@ -33,11 +33,11 @@ std::vector<std::string> RenderOptions::problems() const {
       "one");
   check_option(found, layers >= 1 && layers <= kMostLayers, "layers", layers,
                fmt::format("in 1..{}", kMostLayers));
-  check_option(found, depth_epsilon > 0 && depth_epsilon <= 1e6, "depth_epsilon", depth_epsilon,
-               "in (0, 1e6]");
+  check_option(found, depth_epsilon >= 1e-6 && depth_epsilon <= 1e6, "depth_epsilon", depth_epsilon,
+               "in 1e-6..1e6");
   check_option(found,
-               !coverage_threshold || (*coverage_threshold > 0 && *coverage_threshold <= 1e6),
-               "coverage_threshold", coverage_threshold.value_or(0), "in (0, 1e6]");
+               !coverage_threshold || (*coverage_threshold >= 1e-12 && *coverage_threshold <= 1000),
+               "coverage_threshold", coverage_threshold.value_or(0), "in 1e-12..1000");
   check_option(found, !lod_error || (*lod_error >= 0 && *lod_error <= 1000), "lod_error",
                lod_error.value_or(0), "in 0..1000 pixels");
   check_option(found, batch >= RenderCloud::kClusterSize && batch <= (std::size_t{1} << 27),

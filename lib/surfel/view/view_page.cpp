@@ -140,6 +140,22 @@ nlohmann::json page_facts(const std::vector<const ViewCloud*>& clouds,
   return json;
 }
 
+using PageValues = std::array<std::pair<std::string_view, std::string>, 6>;
+
+/// A template with the values of its names. Values are not searched for names: they hold the names
+/// of files, which may look like those of the template.
+std::string filled(std::string_view text, const PageValues& values) {
+  std::string out;
+  while (!text.empty()) {
+    const auto* const value = std::find_if(values.begin(), values.end(), [&](const auto& each) {
+      return text.starts_with(each.first);
+    });
+    out += value == values.end() ? text.substr(0, 1) : std::string_view(value->second);
+    text.remove_prefix(value == values.end() ? 1 : value->first.size());
+  }
+  return out;
+}
+
 /// The parts of the page before and after the surfels.
 std::pair<std::string, std::string> frame_of(const std::vector<const ViewCloud*>& clouds,
                                              const ViewPageOptions& options, bool served) {
@@ -147,7 +163,7 @@ std::pair<std::string, std::string> frame_of(const std::vector<const ViewCloud*>
   for (const ViewCloud* cloud : clouds) {
     title += (title.empty() ? "" : ", ") + short_name(cloud->path());
   }
-  const std::array<std::pair<std::string_view, std::string>, 6> values{{
+  const PageValues values{{
       {"@generator@", escaped(options.generator)},
       {"@connect@", served ? "'self'" : "'none'"},
       {"@title@", escaped(title)},
@@ -155,11 +171,10 @@ std::pair<std::string, std::string> frame_of(const std::vector<const ViewCloud*>
       {"@modules@", base64(packed_modules())},
       {"@page@", json_in_html(page_facts(clouds, options, served))},
   }};
-  std::string text(page_file("view.html"));
-  for (const auto& [name, value] : values) text.replace(text.find(name), name.size(), value);
+  const std::string_view text = page_file("view.html");
   constexpr std::string_view kData = "@data@\n";
   const std::size_t data = text.find(kData);
-  return {text.substr(0, data), text.substr(data + kData.size())};
+  return {filled(text.substr(0, data), values), filled(text.substr(data + kData.size()), values)};
 }
 
 void require_size(const std::vector<const ViewCloud*>& clouds, const ViewPageOptions& options) {
@@ -169,12 +184,12 @@ void require_size(const std::vector<const ViewCloud*>& clouds, const ViewPageOpt
   const ViewCloud& first = *clouds.front();
   const std::string levels = first.has_levels() ? first.path() : "levels.ply";
   const std::string make =
-      first.has_levels() ? "" : shell_command({"surfel-lod", first.path(), "-o", levels}) + " && ";
+      first.has_levels() ? ""
+                         : fmt::format("surfel-lod {} -o {} && ", shell_file(first.path()), levels);
   throw_input(first.path(),
-              fmt::format("would make a page of {} MB, and browsers take {} MB; {}{} shows what a "
-                          "view needs",
-                          bytes >> 20, options.most_bytes >> 20, make,
-                          shell_command({"surfel-view", levels, "--serve"})));
+              fmt::format("would make a page of {} MB, and browsers take {} MB; {}surfel-view {} "
+                          "--serve shows what a view needs",
+                          bytes >> 20, options.most_bytes >> 20, make, shell_file(levels)));
 }
 
 /// Bytes of packed clusters in one element of the page, a multiple of what base64 encodes at once.
