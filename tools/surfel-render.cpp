@@ -13,6 +13,7 @@
 #include <surfel/base/error.h>
 #include <surfel/base/output_file.h>
 #include <surfel/base/progress.h>
+#include <surfel/base/resume_journal.h>
 #include <surfel/base/timing.h>
 #include <surfel/io/coordinate_file.h>
 #include <surfel/io/file_kind.h>
@@ -249,7 +250,6 @@ std::vector<std::string> draw(surfel::tool::Tool& tool, const Settings& s, Subje
   }
   surfel::ProgressStage stage("rendering", pixels * steps.size(), "pixels");
   std::vector<std::string> files;
-  std::string explanations;
   surfel::ImageQueue queue(pictures > 1 ? kPicturesInFlight : 0);
   surfel::RowBalance balance(ranks ? ranks->count() : 1);
   for (std::size_t i = 0; i < pictures; ++i) {
@@ -273,7 +273,8 @@ std::vector<std::string> draw(surfel::tool::Tool& tool, const Settings& s, Subje
       for (const surfel::PixelExplanation& pixel : pixels_of(s, subject, scene, view.camera)) {
         const surfel::Legend* stands_for = subject.legend ? &*subject.legend : nullptr;
         frames[i]["pixels"].push_back(to_json(pixel, stands_for));
-        explanations += to_text(pixel, shot.file, stands_for);
+        // Before the picture, which must not stay where its report cannot be written.
+        surfel::tool::print(to_text(pixel, shot.file, stands_for));
       }
     }
     // Only the first step must find no file: the others find its.
@@ -284,7 +285,7 @@ std::vector<std::string> draw(surfel::tool::Tool& tool, const Settings& s, Subje
         .world_to_camera = surfel::world_to_camera_matrix(view.camera),
         .map = map_of(s, view.camera)};
     if (s.tiles) {
-      options = surfel::part_options(*s.tiles, image.height, tool.provenance(), options);
+      options = surfel::part_options(*s.tiles, image.height, s.made_by, options);
       image = surfel::part_of(image, *s.tiles);
     }
     queue.write(std::move(image), shot.file, std::move(options));
@@ -295,8 +296,19 @@ std::vector<std::string> draw(surfel::tool::Tool& tool, const Settings& s, Subje
     frames[i]["encode_ms"] = queue.milliseconds()[i];
   }
   tool.report()["frames"] = frames;
-  if (!explanations.empty()) surfel::tool::print(explanations);
   return files;
+}
+
+/// The command, and the content of the files that it reads, by which parts of one picture are
+/// known.
+std::string made_by(surfel::tool::Tool& tool) {
+  std::string text = tool.provenance();
+  for (const std::string& input : tool.files().inputs()) {
+    if (input == surfel::tool::shown_name("-") || input == tool.app().config_file()) continue;
+    const std::string name = input.substr(input.rfind('/') + 1);
+    text += fmt::format(" [{}: {}]", name, surfel::content_mark(input));
+  }
+  return text;
 }
 
 /// Says what was written.
@@ -305,8 +317,8 @@ void tell(const surfel::tool::Tool& tool, const Settings& s, const surfel::Camer
   const std::string part =
       s.tiles ? fmt::format("part {} of {} of ", s.tiles->number, s.tiles->parts) : "";
   const std::string size = fmt::format("{}{}x{} pixels", part, camera.width, camera.height);
-  tool.wrote(s.output, pictures == 1 ? size : fmt::format("{} pictures of {}", pictures, size),
-             files);
+  tool.wrote(files.size() == 1 ? files.front() : s.output,
+             pictures == 1 ? size : fmt::format("{} pictures of {}", pictures, size), files);
 }
 
 }  // namespace
@@ -336,6 +348,7 @@ int main(int argc, char** argv) {
     const bool leads = !ranks || ranks->rank() == 0;
     surfel::Scene scene = load_scene(tool, s);
     const std::vector<AskedView> asked = asked_views(s);
+    if (s.tiles) s.made_by = made_by(tool);
     std::optional<surfel::tool::Movie> movie;
     if (wants_film(s)) {
       if (s.skip_existing && std::filesystem::exists(s.output)) {

@@ -1,9 +1,12 @@
 #include <filesystem>
 #include <string>
 
+#include <fcntl.h>
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 #include <surfel/base/process.h>
+#include <sys/file.h>
+#include <unistd.h>
 
 #include "support/run_tool.h"
 #include "support/test_data.h"
@@ -118,11 +121,31 @@ TEST_F(Join, PartsOfOtherPicturesAreRefused) {
   ASSERT_EQ(render({"-o", part(3), "--tiles", "3/3", "--zoom", "1.1"}).exit_code, 0);
   const RunResult result = join({"-o", folder_ / "joined.png"});
   EXPECT_EQ(result.exit_code, 1);
-  EXPECT_NE(result.errors.find("--zoom 1.1\", not by"), std::string::npos) << result.errors;
+  EXPECT_NE(result.errors.find("--zoom 1.1 [ball.ply: "), std::string::npos) << result.errors;
   ASSERT_EQ(render({"-o", part(3), "--tiles", "3/3", "--cutoff", "2"}).exit_code, 0);
   const RunResult other = join({"-o", folder_ / "joined.png"});
   EXPECT_EQ(other.exit_code, 1);
   EXPECT_NE(other.errors.find("--cutoff 2"), std::string::npos) << other.errors;
+}
+
+TEST_F(Join, PartsOfOtherContentOfTheSameNameAreRefused) {
+  make_part(1);
+  make_part(2);
+  const std::string before = read_text(part(2));
+  ASSERT_EQ(run({tool("surfel-generate"), "sphere", "--count", "2001", "--texture", "checker", "-o",
+                 folder_ / "ball.ply"})
+                .exit_code,
+            0);
+  make_part(3);
+  const RunResult result = join({"-o", folder_ / "joined.png"});
+  EXPECT_EQ(result.exit_code, 1);
+  EXPECT_FALSE(fs::exists(folder_ / "joined.png"));
+  for (const char* said : {"part_3.exr: was made by", "[ball.ply: ", "unlike ", "part_1.exr"}) {
+    EXPECT_NE(result.errors.find(said), std::string::npos) << said << ": " << result.errors;
+  }
+  // A part of other content is not taken for one that is there.
+  ASSERT_EQ(render({"-o", part(2), "--tiles", "2/3", "--skip-existing"}).exit_code, 0);
+  EXPECT_FALSE(read_text(part(2)) == before);
 }
 
 TEST_F(Join, WrongUsageIsRefused) {
@@ -153,6 +176,22 @@ TEST_F(Join, PicturesBecomeAFilm) {
       {"-o", folder_ / "whole.mp4", "--turntable", "4", "--fps", "25", "--background", "white"});
   ASSERT_EQ(whole.exit_code, 0) << whole.errors;
   EXPECT_TRUE(read_text(folder_ / "turn.mp4") == read_text(folder_ / "whole.mp4"));
+
+  // The pictures of a film whose process was killed are removed, those of one that is made are not.
+  for (const char* name : {".killed.mp4.frames-abcdef", ".made.mp4.frames-abcdef"}) {
+    fs::create_directory(folder_ / name);
+    write_text(folder_ / (name + std::string("/000000.png")), "a picture");
+  }
+  const int made = open((folder_ / ".made.mp4.frames-abcdef").c_str(), O_RDONLY | O_DIRECTORY);
+  ASSERT_EQ(flock(made, LOCK_EX | LOCK_NB), 0);
+  EXPECT_EQ(run(words).exit_code, 0);
+  close(made);
+  EXPECT_FALSE(fs::exists(folder_ / ".killed.mp4.frames-abcdef"));
+  EXPECT_TRUE(fs::exists(folder_ / ".made.mp4.frames-abcdef/000000.png"));
+  fs::remove_all(folder_ / ".made.mp4.frames-abcdef");
+  for (const std::string& name : entries(folder_ / "")) {
+    EXPECT_FALSE(contains(name, ".frames-")) << name;
+  }
 
   fs::remove(folder_ / "turn.mp4");
   ASSERT_EQ(run({tool("surfel-render"), folder_ / "ball.ply", "--size", "40", "-o",

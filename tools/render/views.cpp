@@ -147,10 +147,10 @@ Camera camera_of(const AskedView& view, const SceneExtent& scene) {
 }
 
 /// Is a picture there already, or this part of it, made by the same command?
-bool is_made(const tool::Tool& tool, const Settings& s, const std::string& file) {
+bool is_made(const Settings& s, const std::string& file) {
   std::error_code none;
   if (!std::filesystem::exists(file, none)) return false;
-  return !s.tiles || part_is_there(file, *s.tiles, tool.provenance());
+  return !s.tiles || part_is_there(file, *s.tiles, s.made_by);
 }
 
 }  // namespace
@@ -212,7 +212,7 @@ std::vector<Shot> asked_shots(const tool::Tool& tool, const Settings& s, const s
     // Films are joined from pictures that are numbered from 0 on.
     const std::size_t number = wants_film(s) ? i - first : i;
     const std::string file = picture_name(output, number, names[s.path ? 0 : i / turns]);
-    if (s.skip_existing && is_made(tool, s, file)) continue;
+    if (s.skip_existing && is_made(s, file)) continue;
     shots.push_back({i, file});
   }
   if (const std::size_t skipped = last - first + 1 - shots.size(); skipped > 0) {

@@ -1,17 +1,23 @@
 #include "tools/support/movie.h"
 
+#include <algorithm>
 #include <cerrno>
 #include <cstdlib>
 #include <cstring>
 #include <filesystem>
+#include <string_view>
 #include <system_error>
 #include <utility>
 
+#include <fcntl.h>
 #include <fmt/format.h>
 #include <surfel/base/error.h>
 #include <surfel/base/output_file.h>
 #include <surfel/base/process.h>
 #include <surfel/base/shell_quote.h>
+#include <sys/file.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
 namespace surfel::tool {
 namespace {
@@ -43,15 +49,52 @@ std::vector<std::string> encoder(const std::string& extension) {
   return words;
 }
 
-/// A new folder beside the film, for as long as it is made.
-std::string temporary_folder(const std::string& film) {
-  const fs::path path(film);
-  std::string pattern =
-      (path.parent_path() / ("." + path.filename().string() + ".frames-XXXXXX")).string();
-  if (!mkdtemp(pattern.data())) {
-    throw_io(film, std::string("no folder can be made beside it: ") + std::strerror(errno));
+/// What names of temporary folders end with, of which the placeholders become letters.
+constexpr std::string_view kMark = ".frames-XXXXXX";
+
+/// Opens a folder and locks it, as long as it is open; -1 where another process has, or where it
+/// is none.
+int lock_folder(const std::string& folder) {
+  const int opened = open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC);
+  if (opened < 0 || flock(opened, LOCK_EX | LOCK_NB) == 0) return opened;
+  close(opened);
+  return -1;
+}
+
+/// Removes temporary folders of processes that were killed.
+void remove_abandoned(const fs::path& beside) {
+  std::error_code ignored;
+  for (fs::directory_iterator at(beside.empty() ? "." : beside, ignored), end; at != end;
+       at.increment(ignored)) {
+    const std::string name = at->path().filename().string();
+    const std::size_t mark = name.size() - std::min(name.size(), kMark.size());
+    const std::string_view fixed = kMark.substr(0, kMark.find('X'));
+    if (mark == 0 || name.front() != '.' || !name.substr(mark).starts_with(fixed)) continue;
+    const int lock = lock_folder(at->path().string());
+    if (lock < 0) continue;
+    fs::remove_all(at->path(), ignored);
+    close(lock);
   }
-  return pattern;
+}
+
+/// Makes a new folder beside the film, for as long as it is made, and locks it.
+std::string temporary_folder(const std::string& film, int& lock) {
+  const fs::path path(film);
+  remove_abandoned(path.parent_path());
+  // Another process may take a folder for an abandoned one before it is locked.
+  constexpr int kMostTries = 100;
+  for (int i = 0; i < kMostTries; ++i) {
+    std::string pattern =
+        (path.parent_path() / ("." + path.filename().string() + std::string(kMark))).string();
+    if (!mkdtemp(pattern.data())) {
+      throw_io(film, std::string("no folder can be made beside it: ") + std::strerror(errno));
+    }
+    lock = lock_folder(pattern);
+    struct stat status {};
+    if (lock < 0 || (fstat(lock, &status) == 0 && status.st_nlink > 0)) return pattern;
+    close(lock);
+  }
+  throw_io(film, "no folder can be made beside it: other processes remove it");
 }
 
 }  // namespace
@@ -70,7 +113,7 @@ Movie::Movie(std::string film, double pictures_a_second, bool no_clobber, std::s
   // Before the work, so that a film that cannot be written is found at once.
   const OutputFile film_file(film_, no_clobber);
   if (!ffmpeg_.empty()) {
-    folder_ = temporary_folder(film_);
+    folder_ = temporary_folder(film_, lock_);
     return;
   }
   folder_ = fs::path(film_).replace_extension("").string() + "_frames";
@@ -82,6 +125,7 @@ Movie::Movie(std::string film, double pictures_a_second, bool no_clobber, std::s
 Movie::~Movie() {
   std::error_code ignored;
   if (!ffmpeg_.empty()) fs::remove_all(folder_, ignored);
+  if (lock_ >= 0) close(lock_);
 }
 
 void Movie::take(const std::vector<std::string>& pictures) {
@@ -107,7 +151,9 @@ void Movie::join() {
   if (ffmpeg_.empty()) {
     throw_io(film_, fmt::format("ffmpeg, which joins pictures, is not installed; they are in {}, "
                                 "and this joins them: {}",
-                                folder_, shell_command(command(pattern(), film_))));
+                                folder_,
+                                shell_command(command(
+                                    pattern(), film_.starts_with('-') ? "./" + film_ : film_))));
   }
   OutputFile film(film_, no_clobber_);
   std::vector<std::string> words = command(names(), fs::absolute(film.temporary()).string());

@@ -12,6 +12,7 @@ bool is_film_name(const std::string& path);
 
 /// The pictures of a film, and the film that ffmpeg makes of them. The pictures lie in a folder of
 /// their own beside it, which is removed with this object; without ffmpeg it is kept.
+/// Folders of processes that were killed are removed by the next that makes a film beside them.
 class Movie {
  public:
   /// Throws Error(kIo) where the film or the folder cannot be written.
@@ -40,6 +41,7 @@ class Movie {
   std::string extension_;
   std::string ffmpeg_;  ///< Empty if there is none.
   std::string folder_;
+  int lock_ = -1;  ///< The open folder where it is temporary; -1: there is no lock.
 };
 
 }  // namespace surfel::tool

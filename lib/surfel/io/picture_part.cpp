@@ -65,10 +65,10 @@ std::string difference(const PartHeader& a, const Image& a_rows, const PartHeade
     return fmt::format("is one of {} parts, not of {}", b.part.parts, a.part.parts);
   }
   if (a_rows.channels != b_rows.channels) return "has other channels";
-  if (a.world_to_camera != b.world_to_camera) return "is seen by another camera";
   if (a.made_by != b.made_by) {
     return fmt::format("was made by \"{}\", not by \"{}\"", b.made_by, a.made_by);
   }
+  if (a.world_to_camera != b.world_to_camera) return "is seen by another camera";
   if (a.metadata != b.metadata) return "says something else of how it was made";
   return {};
 }

@@ -15,19 +15,17 @@ bool is_plain(unsigned char c) {
          c == '-' || c == '+' || c == '.' || c >= 0x80;
 }
 
-/// The name of a file without its extension, folders as part of it.
+/// The name of a file without its folders and its extension.
 std::string plain_name(const std::string& name) {
-  std::string plain = name;
-  while (plain.starts_with("./")) plain.erase(0, 2);
+  const std::size_t slash = name.find_last_of("/\\");
+  std::string plain = slash == std::string::npos ? name : name.substr(slash + 1);
   const std::size_t dot = plain.rfind('.');
-  const std::size_t slash = plain.find_last_of("/\\");
   // A dot at the start of a name begins no extension.
-  const std::size_t first = slash == std::string::npos ? 0 : slash + 1;
-  if (dot != std::string::npos && dot > first) plain.erase(dot);
+  if (dot != std::string::npos && dot > 0) plain.erase(dot);
   std::replace_if(
       plain.begin(), plain.end(), [](char c) { return !is_plain(static_cast<unsigned char>(c)); },
       '_');
-  // Hidden files, and the names of a folder and the one above it.
+  // Hidden files, and what looks like an option.
   if (plain.starts_with('.') || plain.starts_with('-')) plain.front() = '_';
   constexpr std::size_t kLongest = 200;  // Bytes; systems take 255, with extension and temporaries.
   if (plain.size() > kLongest) plain.resize(kLongest);
