@@ -275,5 +275,64 @@ TEST_F(ColorBy, RawPointsKeepTheirColumnsThroughEstimation) {
   EXPECT_EQ(found, 2);
 }
 
+TEST_F(ColorBy, ColoursThatAreAllBlackAreNone) {
+  SurfelCloud cloud = plane();
+  for (ExtraProperty& column : cloud.extra) column.name += "_of_mine";
+  write_cloud(cloud, folder_ / "none.ply");
+  cloud.color.assign(cloud.size(), Vec3f(0, 0, 0));
+  write_cloud(cloud, folder_ / "black.ply");
+  cloud.color.back() = Vec3f(0, 0, 0.5F);
+  write_cloud(cloud, folder_ / "blue.ply");
+  const auto shown = [&](const std::string& name, const Words& more) {
+    Words words{tool("surfel-render"), folder_ / name, "--shading", "none", "--from", "0,0,1", "-o",
+                folder_ / "p.exr"};
+    words.insert(words.end(), more.begin(), more.end());
+    const RunResult made = run(words);
+    EXPECT_EQ(made.exit_code, 0) << made.errors;
+    return made.errors;
+  };
+  shown("none.ply", {});
+  const Vec3f grey = color(true);
+  EXPECT_GT(grey.minCoeff(), 0.2F);
+  EXPECT_TRUE(contains(shown("black.ply", {}), "black.ply: all colours are black"));
+  EXPECT_EQ(color(true), grey);
+  EXPECT_FALSE(contains(shown("black.ply", {"--color-by", "none"}), "black,"));
+  EXPECT_EQ(color(true), Vec3f(0, 0, 0));
+  EXPECT_FALSE(contains(shown("blue.ply", {}), "black"));
+  EXPECT_EQ(color(true), Vec3f(0, 0, 0));
+  const RunResult page =
+      run({tool("surfel-view"), folder_ / "black.ply", "-o", folder_ / "page.html"});
+  EXPECT_TRUE(contains(page.errors, "colours, all black, are not shown")) << page.errors;
+}
+
+TEST_F(ColorBy, APictureWithoutItsReportIsNotLeft) {
+  const std::string command = tool("surfel-render") + " " + surfels_ +
+                              " --size 32 --explain-pixel 9,9 -o " + (folder_ / "e.png");
+  EXPECT_EQ(run({"/bin/sh", "-c", command + " > /dev/full"}).exit_code, 1);
+  EXPECT_FALSE(std::filesystem::exists(folder_ / "e.png"));
+  EXPECT_EQ(run({"/bin/sh", "-c", command}).exit_code, 0);
+  EXPECT_TRUE(std::filesystem::exists(folder_ / "e.png"));
+}
+
+TEST_F(ColorBy, TheFileThatIsWrittenIsTold) {
+  const RunResult made = render({"--size", "16"}, "{name}.png");
+  EXPECT_TRUE(std::filesystem::exists(folder_ / "view.png"));
+  EXPECT_TRUE(contains(made.errors, "view.png: 16x16 pixels")) << made.errors;
+  EXPECT_FALSE(contains(made.errors, "{name}"));
+}
+
+TEST_F(ColorBy, NamesDoNotReachTheTerminalAsTheyAre) {
+  const std::string name = folder_ / "a\033[31m\xc2\x9b.ply";
+  std::filesystem::copy_file(surfels_, name);
+  const RunResult info = run({tool("surfel-info"), name});
+  const RunResult view = run({tool("surfel-view"), name, "--color-by", "no\x1b", "-o", "p.html"});
+  EXPECT_EQ(view.exit_code, 1);
+  for (const std::string& text : {info.output, info.errors, view.errors}) {
+    EXPECT_FALSE(contains(text, "\033") || contains(text, "\xc2\x9b")) << text;
+  }
+  EXPECT_TRUE(contains(info.output, "a\\u001b[31m\\u009b.ply")) << info.output;
+  EXPECT_TRUE(contains(view.errors, "named no\\u001b;")) << view.errors;
+}
+
 }  // namespace
 }  // namespace surfel::test

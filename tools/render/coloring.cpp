@@ -10,6 +10,7 @@
 #include <surfel/measure/terrain.h>
 #include <surfel/measure/view_guess.h>
 #include <surfel/store/attribute_values.h>
+#include <surfel/store/cloud_stream.h>
 #include <surfel/store/colored_source.h>
 
 namespace surfel::render_tool {
@@ -25,9 +26,9 @@ struct Choice {
 };
 
 /// The attribute that the settings name, or that suits surfels without colours.
-Choice choose(const Settings& s, const std::optional<Vec3d>& given_up, const CloudFacts& facts) {
+Choice choose(const Settings& s, const std::optional<Vec3d>& given_up, const CloudFacts& facts,
+              bool colored) {
   const bool automatic = s.color_by == "auto";
-  const bool colored = facts.source.attributes().color;
   // Materials of a scene file are colours, too.
   if (s.color_by == "none" || (automatic && (colored || !s.scene_file.empty()))) return {};
   if (!automatic && s.color_by != kElevation) return {s.color_by};
@@ -91,12 +92,21 @@ std::vector<Legend::Entry> entries_of(const AttributeSummary& summary, Attribute
 
 std::unique_ptr<SurfelSource> Coloring::wrap(tool::Tool& tool, const Settings& s,
                                              const CloudFacts& facts) {
-  const Choice choice = choose(s, up, facts);
-  if (choice.attribute.empty()) return nullptr;
+  const bool black = s.color_by == "auto" && CloudStream::all_black(facts.source);
+  const Choice choice = choose(s, up, facts, facts.source.attributes().color && !black);
+  const auto own_colors = [&]() -> std::unique_ptr<SurfelSource> {
+    if (!black) return nullptr;
+    tool.note(
+        fmt::format("{}: all colours are black, as some programs write them where there are "
+                    "none; drawn grey, and --color-by none draws them black",
+                    file));
+    return std::make_unique<UncoloredSource>(facts.source);
+  };
+  if (choice.attribute.empty()) return own_colors();
   AttributeValues values(facts.source, choice.attribute, choice.up, file);
   for (const auto& [lacking, column] : filled) {
     if (column != values.name()) continue;
-    if (s.color_by == "auto") return nullptr;
+    if (s.color_by == "auto") return own_colors();
     throw_input(lacking, fmt::format("there is no {}, which other files have; colour by something "
                                      "that all have, or draw them apart",
                                      column));
@@ -106,8 +116,9 @@ std::unique_ptr<SurfelSource> Coloring::wrap(tool::Tool& tool, const Settings& s
   tool::Json& report = tool.report()["color_by"];
   report["attribute"] = values.name();
   const std::string why =
-      s.color_by == "auto" ? "; the surfels have no colours, and --color-by none leaves them grey"
-                           : "";
+      s.color_by != "auto" ? ""
+      : black              ? "; all colours are black, and --color-by none draws them so"
+                           : "; the surfels have no colours, and --color-by none leaves them grey";
   const AttributeColors plain;
   if (values.kind() == AttributeKind::kNormal) {
     tool.note(fmt::format("{}: coloured by normal{}", file, why));

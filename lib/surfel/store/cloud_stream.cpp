@@ -104,6 +104,20 @@ bool CloudStream::have_one_color(const SurfelSource& source) {
   return true;
 }
 
+bool CloudStream::all_black(const SurfelSource& source) {
+  if (!source.attributes().color) return false;
+  RenderCloud rows;
+  rows.allocate(RenderCloud::kBlock, source.attributes(), {}, "");
+  for (std::size_t begin = 0; begin < source.size(); begin += RenderCloud::kBlock) {
+    const std::size_t end = std::min(begin + RenderCloud::kBlock, source.size());
+    source.fill(begin, end, rows, 0);
+    for (std::size_t i = 0; i < end - begin; ++i) {
+      if (rows.red[i] != 0 || rows.green[i] != 0 || rows.blue[i] != 0) return false;
+    }
+  }
+  return source.size() > 0;
+}
+
 /// Allocates the columns of a batch.
 void CloudStream::allocate() {
   slot_.assign(cloud_.clusters_.size(), kNone);

@@ -51,6 +51,9 @@ class SURFEL_API CloudStream final : public ClusterStore {
   /// Do the surfels have one colour? Some thousand are looked at, spread evenly; true where there
   /// are none.
   static bool have_one_color(const SurfelSource& source);
+  /// Have all surfels the colour black, which some programs write where there is none? False where
+  /// there are no colours, or no surfels. Reads surfels up to the first that is not black.
+  static bool all_black(const SurfelSource& source);
 
   /// All clusters, and columns that hold the surfels of the clusters fetched last, at the rows
   /// Cluster::begin to Cluster::end, and of as many other clusters as there is room for.

@@ -89,4 +89,20 @@ void ColoredSource::fill(std::size_t begin, std::size_t end, RenderCloud& cloud,
   }
 }
 
+SurfelAttributes UncoloredSource::attributes() const {
+  SurfelAttributes known = ForwardingSource::attributes();
+  known.color = false;
+  return known;
+}
+
+void UncoloredSource::fill(std::size_t begin, std::size_t end, RenderCloud& cloud,
+                           std::size_t row) const {
+  ForwardingSource::fill(begin, end, cloud, row);
+  const Vec3f grey = SurfelCloud::colorless();
+  const std::size_t count = end - begin;
+  std::fill_n(cloud.red.data() + row, count, grey.x());
+  std::fill_n(cloud.green.data() + row, count, grey.y());
+  std::fill_n(cloud.blue.data() + row, count, grey.z());
+}
+
 }  // namespace surfel

@@ -44,6 +44,15 @@ class SURFEL_API ColoredSource final : public ForwardingSource {
   ColorTable table_;
 };
 
+/// A source whose surfels have no colours, whatever the inner source has.
+class SURFEL_API UncoloredSource final : public ForwardingSource {
+ public:
+  using ForwardingSource::ForwardingSource;
+
+  SurfelAttributes attributes() const override;
+  void fill(std::size_t begin, std::size_t end, RenderCloud& cloud, std::size_t row) const override;
+};
+
 /// Linear colour of a number of a category.
 SURFEL_API Vec3f category_color(AttributeKind kind, std::int64_t number);
 

@@ -7,6 +7,8 @@
 #include <surfel/base/error.h>
 #include <surfel/base/shell_quote.h>
 #include <surfel/store/attribute_values.h>
+#include <surfel/store/cloud_stream.h>
+#include <surfel/store/colored_source.h>
 #include <surfel/view/packed_cluster.h>
 #include <surfel/view/view_cloud.h>
 
@@ -53,9 +55,8 @@ bool any_normal(const RenderCloud& cloud, std::size_t begin, std::size_t end) {
 }
 
 [[noreturn]] void refuse_bare(const std::string& path) {
-  throw_input(path, "has no normals, which discs need; " +
-                        shell_command({"surfel-estimate", path, "-o", "surfels.ply"}) +
-                        " makes surfels of it, to be looked at instead");
+  throw_input(path, "has no normals, which discs need; surfel-estimate " + shell_file(path) +
+                        " -o surfels.ply makes surfels of it, to be looked at instead");
 }
 
 }  // namespace
@@ -67,6 +68,7 @@ struct ViewCloud::Impl {
   std::string attribute;
   bool colored = false;
   bool materials = false;  ///< Surfels have numbers of materials.
+  bool black = false;      ///< All colours are black, and left out.
   std::pair<double, double> range{0, 1};
   mutable std::mutex mutex;
 
@@ -86,7 +88,8 @@ ViewCloud::ViewCloud(const std::string& path, const ViewCloudOptions& options)
   CloudLoadOptions load = load_options(options);
   load.wrap = [&](const CloudFacts& facts) {
     if (!facts.source.attributes().normal) refuse_bare(path);
-    i.colored = facts.source.attributes().color;
+    i.black = CloudStream::all_black(facts.source);
+    i.colored = facts.source.attributes().color && !i.black;
     i.materials = facts.source.attributes().material;
     const bool known = AttributeValues::find(facts.source, options.attribute).has_value();
     if (!options.attribute.empty() && known) {
@@ -99,7 +102,8 @@ ViewCloud::ViewCloud(const std::string& path, const ViewCloudOptions& options)
         if (found.min >= 0 && found.max <= 1) i.range = {0, 1};
       }
     }
-    return std::unique_ptr<SurfelSource>();
+    return i.black ? std::make_unique<UncoloredSource>(facts.source)
+                   : std::unique_ptr<SurfelSource>();
   };
   i.surfels = std::make_unique<LoadedCloud>(path, load);
   const RenderCloud& cloud = i.surfels->surfels();
@@ -131,7 +135,9 @@ const std::string& ViewCloud::attribute() const { return impl_->attribute; }
 std::pair<double, double> ViewCloud::attribute_range() const { return impl_->range; }
 
 std::string ViewCloud::not_shown() const {
-  return impl_->materials ? "materials are not shown" : "";
+  std::string what = impl_->materials ? "materials" : "";
+  if (impl_->black) what += what.empty() ? "colours, all black," : " and colours, all black,";
+  return what.empty() ? what : what + " are not shown";
 }
 
 std::uint64_t ViewCloud::most_bytes() const {
