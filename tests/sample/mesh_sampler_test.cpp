@@ -7,6 +7,7 @@
 #include <gtest/gtest.h>
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
+#include <surfel/base/timing.h>
 #include <surfel/io/mesh_io.h>
 #include <surfel/sample/mesh_sampler.h>
 
@@ -511,6 +512,40 @@ TEST(SampleMesh, LooseNeedlesAreCoveredAlongTheirLength) {
   EXPECT_GE(cloud.size(), 400U * 20);
 }
 
+/// Teeth of a comb, each of the width 1, on a strip of needles that meet in its first vertex.
+TriangleMesh comb(int teeth, float height) {
+  TriangleMesh mesh;
+  mesh.position.emplace_back(0.0f, -1.0f, 0.0f);
+  for (int i = 0; i <= teeth; ++i) {
+    const auto x = static_cast<float>(i);
+    mesh.position.emplace_back(x, 0.0f, 0.0f);
+    mesh.position.emplace_back(x + 0.5f, height, 0.0f);
+  }
+  for (std::uint32_t i = 0; i < static_cast<std::uint32_t>(teeth); ++i) {
+    const std::uint32_t a = 1 + 2 * i;
+    mesh.face.push_back({a, a + 2, a + 1});
+    mesh.face.push_back({0, a + 2, a});
+  }
+  return mesh;
+}
+
+TEST(SampleMesh, CountIsKeptAndCheapWhateverTheShapes) {
+  constexpr int kTeeth = 10000;
+  TriangleMesh fan;
+  add_fan(fan, 2 * kTeeth, 0, true);
+  for (const TriangleMesh& mesh :
+       {comb(kTeeth, 1), comb(kTeeth, 300), comb(kTeeth, 1e4f), comb(kTeeth, 1e6f), fan}) {
+    for (const std::size_t count : {10, 1000}) {
+      MeshSampleReport report;
+      const Timer timer;
+      const SurfelCloud cloud = sample_mesh(mesh, by_count(count), &report);
+      EXPECT_LT(timer.milliseconds(), 3000);
+      EXPECT_EQ(cloud.size(), count);
+      EXPECT_NEAR(total(cloud.area), report.area, 1e-3 * report.area);
+    }
+  }
+}
+
 TEST(SampleMesh, FanOfNeedlesFollowsAField) {
   TriangleMesh mesh;
   add_fan(mesh, 2000, 0, true);
@@ -553,7 +588,7 @@ TEST(SampleMesh, RefusesScalesWhoseSquaresSinglePrecisionCannotHold) {
     return test::message_of([&] { sample_mesh(sized(size), by_count(100), nullptr, "a.obj"); });
   };
   for (const float size : {3e38f, 1e38f, 1e20f}) {
-    EXPECT_EQ(error(size).find("a.obj: coordinates as large as"), 0u) << error(size);
+    EXPECT_EQ(error(size).find("a.obj: vertex 1 has a coordinate as large as"), 0u) << error(size);
   }
   for (const float size : {1e-20f, 1e-38f}) {
     EXPECT_EQ(error(size).find("a.obj: "), 0u) << error(size);

@@ -14,6 +14,7 @@
 
 #include "render/environments.h"
 #include "render/scenes.h"
+#include "support/message_of.h"
 
 namespace surfel {
 namespace {
@@ -601,6 +602,16 @@ TEST(MeshRenderer, NormalMapsNeedTextureCoordinates) {
   MeshRenderOptions options;
   options.normal_maps = &maps;
   EXPECT_THROW(MeshRenderer(mesh, nullptr, scene, options), Error);
+}
+
+/// Embree ends the process on them.
+TEST(MeshRenderer, RefusesCoordinatesThatRaysCannotMeet) {
+  TriangleMesh mesh = square();
+  mesh.position[2] = Vec3f(1, -1e20F, 0);
+  const Scene scene;
+  EXPECT_EQ(test::message_of([&] { MeshRenderer(mesh, nullptr, scene, {}); }),
+            "vertex 2 has a coordinate as large as 1e+20; meshes with coordinates up to 1e+18 are "
+            "taken, scale the mesh down");
 }
 
 TEST(MeshRenderer, ExtentHoldsTheFacesAlone) {

@@ -10,6 +10,7 @@
 #include <surfel/io/scene_file.h>
 #include <surfel/render/environment_map.h>
 #include <surfel/render/lens_picture.h>
+#include <surfel/sample/mesh_sampler.h>
 #include <surfel/truth/reference.h>
 #include <surfel/truth/source_ewa.h>
 
@@ -115,6 +116,7 @@ Image paint_view(const Settings& s, const Paint& paint, const View& view, Scene&
 
 MeshPainter::MeshPainter(tool::Tool& tool, const Settings& s, const Scene& scene)
     : mesh_(read_mesh(s.mesh)) {
+  require_sampleable(mesh_, s.mesh);
   for (const std::string& note : mesh_.notes) tool.note(s.mesh + ": " + note);
   const bool named = std::any_of(mesh_.material.begin(), mesh_.material.end(),
                                  [](const auto& m) { return !m.texture.empty(); });

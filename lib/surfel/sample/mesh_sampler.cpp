@@ -92,15 +92,15 @@ double area_in_field(const TriangleMesh& mesh, const FaceMeasures& m, const Sizi
 constexpr std::size_t kMostFacesAtEdge = 64;
 /// Most chunks for each triangle and sample: memory stays in proportion to them, however long
 /// triangles are that have hardly any area.
-constexpr double kMostPieces = 64;
+constexpr double kMostPieces = 20;
 /// Where triangles are cut into more chunks than these, samples by elimination are tried first,
 /// whose cost does not depend on the triangles' shape. Fewer chunks than kFewChunks take no time.
 constexpr double kChunksPerFace = 2;
 constexpr double kChunksPerSample = 1;
 constexpr double kGradedChunksPerSample = 6;
 constexpr double kFewChunks = 1 << 14;
-/// Samples by elimination are taken where they leave no more of the surface uncovered: loose
-/// slivers, narrower than the spacing, need samples in proportion to their length.
+/// For a spacing, samples by elimination are taken where they leave no more of the surface
+/// uncovered: loose slivers, narrower than the spacing, need samples in proportion to their length.
 constexpr double kMostUncovered = 0.03;
 /// Bytes of a sample and of a chunk, all tables of PoissonDisk and the cloud's columns together.
 constexpr double kSampleBytes = 300;
@@ -143,7 +143,7 @@ struct Sampling {
   void check_chunks(double factor) const;
   std::unique_ptr<PoissonDisk> dart_throwing(double spacing) const;
   std::unique_ptr<PoissonDisk> short_dart_throwing(double spacing) const;
-  Array<PoissonSample> elimination(double spacing, std::size_t count) const;
+  EliminatedSamples elimination(double spacing, std::size_t count) const;
 };
 
 /// Throws where the spacing is beyond the precision of the samples.
@@ -198,8 +198,8 @@ void Sampling::check_chunks(double factor) const {
   if (pieces > kMostPieces) {
     throw_input(name,
                 fmt::format("its triangles are so long and thin that a spacing of {:.3g} cuts each "
-                            "into {:.3g} pieces, more than {}; ask for a larger spacing, or "
-                            "remesh it",
+                            "into {:.3g} pieces, more than {}; ask for a larger spacing or "
+                            "for a count, or remesh it",
                             spacing, pieces, kMostPieces));
   }
   check_memory(spacing, samples, kSampleBytes * samples + kChunkBytes * estimated_chunks(factor));
@@ -221,13 +221,10 @@ std::unique_ptr<PoissonDisk> Sampling::short_dart_throwing(double spacing) const
   return PoissonDisk::make(mesh, rings, field, spacing, seed, static_cast<std::size_t>(chunks));
 }
 
-/// Samples by elimination, or none where they leave the surface uncovered.
-Array<PoissonSample> Sampling::elimination(double spacing, std::size_t count) const {
+EliminatedSamples Sampling::elimination(double spacing, std::size_t count) const {
   const auto samples = static_cast<double>(count);
   check_memory(spacing * field.least(), samples, kEliminationBytes * samples);
-  EliminatedSamples found = eliminate_samples(mesh, component, field, spacing, count, seed);
-  if (found.uncovered > kMostUncovered) return {};
-  return std::move(found.sample);
+  return eliminate_samples(mesh, component, field, spacing, count, seed);
 }
 
 /// Sets the spacing where it makes too many samples.
@@ -242,12 +239,18 @@ Sampled Sampling::with_spacing(double& spacing, std::size_t most_eliminated) con
     out.too_many = true;
     return out;
   }
-  out.eliminated = elimination(spacing, static_cast<std::size_t>(samples));
-  if (out.eliminated.empty()) out.darts = dart_throwing(spacing);
+  EliminatedSamples found = elimination(spacing, static_cast<std::size_t>(samples));
+  if (found.uncovered > kMostUncovered) {
+    out.darts = dart_throwing(spacing);
+  } else {
+    out.eliminated = std::move(found.sample);
+  }
   return out;
 }
 
-/// Finds the spacing that gives slightly fewer samples than asked for, then fills up.
+/// Finds the spacing that gives slightly fewer samples than asked for, then fills up. Where that
+/// takes many chunks, or leaves no room for as many samples, the samples come from elimination,
+/// which keeps the count and its cost whatever the triangles' shapes are.
 Sampled Sampling::with_count(std::size_t count, double& spacing) const {
   const auto wanted = static_cast<double>(count);
   constexpr int kTrials = 14;       ///< Halving alone finds the spacing to 1e-4 of itself.
@@ -256,21 +259,17 @@ Sampled Sampling::with_count(std::size_t count, double& spacing) const {
   double fine = 0, made_fine = 0;
   double coarse = std::numeric_limits<double>::infinity(), made_coarse = 0;
   Sampled out;
-  bool tried_elimination = false;
+  const auto eliminate = [&] {
+    out.darts.reset();
+    spacing = std::sqrt(area / wanted);
+    out.eliminated = elimination(spacing, count).sample;
+    return std::move(out);
+  };
   spacing = 1.01 * std::sqrt(area / wanted);
   for (int trial = 0; trial < kTrials; ++trial) {
     out.darts.reset();
     out.darts = short_dart_throwing(spacing);
-    if (!out.darts && !tried_elimination) {
-      tried_elimination = true;
-      const double exact = std::sqrt(area / wanted);
-      out.eliminated = elimination(exact, count);
-      if (!out.eliminated.empty()) {
-        spacing = exact;
-        return out;
-      }
-    }
-    if (!out.darts) out.darts = dart_throwing(spacing);
+    if (!out.darts) return eliminate();
     const auto made = static_cast<double>(out.darts->size());
     if (made <= wanted && made >= 0.97 * wanted - 1) break;
     (made > wanted ? fine : coarse) = spacing;
@@ -290,10 +289,11 @@ Sampled Sampling::with_count(std::size_t count, double& spacing) const {
   if (static_cast<double>(out.darts->size()) > wanted && !std::isinf(coarse)) {
     spacing = coarse;
     out.darts.reset();
-    check_precision(spacing);
-    out.darts = dart_throwing(spacing);
+    out.darts = short_dart_throwing(spacing);
+    if (!out.darts) return eliminate();
   }
   out.darts->fill(count);
+  if (out.darts->size() != count) return eliminate();
   return out;
 }
 
@@ -522,12 +522,12 @@ std::vector<std::string> MeshSampleOptions::problems() const {
 }
 
 void require_sampleable(const TriangleMesh& mesh, const std::string& name) {
-  float largest = 0;
-  for (const Vec3f& p : mesh.position) largest = std::max(largest, p.cwiseAbs().maxCoeff());
-  if (largest > kLargestCoordinate) {
-    throw_input(name, fmt::format("coordinates as large as {:.3g} cannot be sampled, {:.0e} can; "
-                                  "scale the mesh down",
-                                  largest, kLargestCoordinate));
+  for (std::size_t v = 0; v < mesh.position.size(); ++v) {
+    const float largest = mesh.position[v].cwiseAbs().maxCoeff();
+    if (largest <= kLargestCoordinate) continue;
+    throw_input(name, fmt::format("vertex {} has a coordinate as large as {:.3g}; meshes with "
+                                  "coordinates up to {:.0e} are taken, scale the mesh down",
+                                  v, largest, kLargestCoordinate));
   }
 }
 

@@ -70,9 +70,10 @@ struct MeshSampleReport {
   StageTimes times;
 };
 
-/// Throws Error(kInput) that starts with `name` where the mesh is too large to be sampled: lengths
-/// squared, of which the sampling and the kernels consist, are numbers of single precision, which
-/// coordinates beyond 1e18 (after the mesh's origin is taken off) would bring near to their end.
+/// Throws Error(kInput) that starts with `name`, and names the first such vertex (from 0), where
+/// the mesh is too large to be sampled, or met by rays: lengths squared, of which the sampling and
+/// the kernels consist, are numbers of single precision, which coordinates beyond 1e18 (after the
+/// mesh's origin is taken off) would bring near to their end.
 SURFEL_API void require_sampleable(const TriangleMesh& mesh, const std::string& name);
 
 /// Blue-noise samples over the whole surface: samples of one sheet (poisson_disk.h) are at least
@@ -81,14 +82,16 @@ SURFEL_API void require_sampleable(const TriangleMesh& mesh, const std::string& 
 /// with the same corners in the same direction the lowest is sampled: the others show nothing else.
 ///
 /// With a count, a spacing is searched for at which slightly fewer samples come out; random samples
-/// that keep 0.62 spacings from all others fill the number up exactly. Where this cannot be (more
-/// components than samples; no room left) the number is the nearest that was found.
+/// that keep 0.62 spacings from all others fill the number up exactly. Where there are more
+/// components than samples the number is the nearest that was found.
 ///
 /// Where triangles are so long and thin that they would be cut into several times as many pieces as
 /// there are triangles and samples, samples come from eliminate_samples() (sample_elimination.h),
-/// unless these samples leave 3 % of the surface uncovered: sheets that face the same way within a
-/// spacing share their samples then, and a point in ten thousand is further from a sample than 0.98
-/// spacings.
+/// as they do where there is no room for the count: sheets that face the same way within a spacing
+/// share their samples then, and a point in ten thousand is further from a sample than 0.98
+/// spacings. With a count, loose slivers narrower than the spacing get samples by their area; with
+/// a spacing, dart throwing covers them along their length where elimination leaves 3 % of the
+/// surface uncovered.
 ///
 /// Columns: position, normal (the face's), shading_normal (smooth, where that is another), variance
 /// = (variance_scale * spacing there)^2 (of a component smaller than spacing^2: its area instead),

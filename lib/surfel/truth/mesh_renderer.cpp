@@ -302,6 +302,7 @@ MeshRenderer::MeshRenderer(const TriangleMesh& mesh, const TextureSet* textures,
     throw_usage("`bounces` needs a lit scene with an environment, which the rays see in the end");
   }
   mesh.check_columns("");
+  require_sampleable(mesh, "");
   // A mesh without materials may number the materials of its textures, or of a scene.
   if (!mesh.material.empty() || (!textures && mesh.color.empty())) mesh.check_materials("");
   if (textures) impl_->check_textures(*textures);

@@ -68,9 +68,10 @@ class SURFEL_API MeshRenderer {
   ///
   /// Throws Error: kUsage for options or scenes that are not usable, and for bounces where nothing
   /// is lit or the scene has no environment; kInput where a column of the mesh has another length
-  /// than it must have or a face names vertices or materials that the mesh lacks, and where there
-  /// are textures or normal maps but the mesh has no texture coordinates, or has a material without
-  /// a map; kNumeric if the mesh does not fit into memory a second time.
+  /// than it must have or a face names vertices or materials that the mesh lacks, where
+  /// require_sampleable() refuses the mesh, and where there are textures or normal maps but the
+  /// mesh has no texture coordinates, or has a material without a map; kNumeric if the mesh does
+  /// not fit into memory a second time.
   MeshRenderer(const TriangleMesh& mesh, const TextureSet* textures, const Scene& scene,
                const MeshRenderOptions& options);
   MeshRenderer(TriangleMesh&& mesh, const TextureSet* textures, const Scene& scene,
