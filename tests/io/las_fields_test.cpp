@@ -121,6 +121,12 @@ FieldValues mostly_whole(double most, const FieldValues& last) {
   return values;
 }
 
+FieldValues eleven_times(const FieldValues& values) {
+  FieldValues all;
+  for (int i = 0; i < 11; ++i) all.insert(all.end(), values.begin(), values.end());
+  return all;
+}
+
 TEST(LasFields, HoldWhatFitsAndWhatDoesNotIsSaid) {
   const std::vector<FieldCase> all{
       {"intensity", {0, 7, 65535}, {0, 7, 65535}, 0, ""},
@@ -129,36 +135,41 @@ TEST(LasFields, HoldWhatFitsAndWhatDoesNotIsSaid) {
        {0, kNotANumber, 0.5, 1},
        {0, 0, 32768, 65535},
        0,
-       "stored as the value times 65535, 1 values that are not a number are 0"},
+       "stored as the value times 65535, 1 of 4 values not a number, stored as 0"},
       {"intensity", mostly_whole(5000, {-1, 70000, kInfinity, kNotANumber}),
        mostly_whole(5000, {0, 65535, 65535, 0}), 0,
-       "3 values that do not fit 0 to 65535 clamped, 1 values that are not a number are 0"},
-      {"intensity", mostly_whole(5000, {2.5}), mostly_whole(5000, {3}), 0, "1 values rounded"},
-      {"intensity", {0.5, 100.25, 255}, {129, 25764, 65535}, 0, "stored as the value times 257"},
-      {"intensity", {-2048, 0, 2047}, {0, 2048, 4095}, 0, "stored as (the value +2048) times 1"},
-      {"intensity",
-       {-20.5, 0, 110.57},
-       {0, 10250, 65535},
-       0,
+       "3 of 1004 values clamped to 0 to 65535, 1 of 1004 values not a number, stored as 0"},
+      {"intensity", mostly_whole(5000, {2.5}), mostly_whole(5000, {3}), 0,
+       "1 of 1001 values rounded"},
+      {"intensity", eleven_times({0.5, 100.25, 255}), eleven_times({129, 25764, 65535}), 0,
+       "stored as the value times 257"},
+      {"intensity", eleven_times({-2048, 0, 2047}), eleven_times({0, 2048, 4095}), 0,
+       "stored as (the value +2048) times 1"},
+      {"intensity", eleven_times({-20.5, 0, 110.57}), eleven_times({0, 10250, 65535}), 0,
        "stored as (the value +20.5) times 500"},
+      {"intensity",
+       {-1, 20.5, 30, 70000},
+       {0, 21, 30, 65535},
+       0,
+       "1 of 4 values rounded, 2 of 4 values clamped to 0 to 65535"},
       {"nir", {0, 0.5, 1}, {0, 32768, 65535}, 8, "stored as the value times 65535"},
       {"classification", {2, 31}, {2, 31}, 0, ""},
       {"classification", {2, 40}, {2, 40}, 6, ""},
-      {"classification", {-1, 300}, {0, 255}, 6, "2 values that do not fit 0 to 255 clamped"},
+      {"classification", {-1, 300}, {0, 255}, 6, "2 of 2 values clamped to 0 to 255"},
       {"return_number", {1, 9}, {1, 9}, 6, ""},
-      {"number_of_returns", {1, 16}, {1, 15}, 6, "1 values that do not fit 0 to 15 clamped"},
+      {"number_of_returns", {1, 16}, {1, 15}, 6, "1 of 2 values clamped to 0 to 15"},
       {"number_of_returns", {1, 2, 3}, {1, 2, 3}, 0, ""},
       {"scan_angle", {-2083, 12}, {-2083, 12}, 6, ""},
       {"scan_angle", {-12.498, 30}, {-2083, 5000}, 6, "stored as the value times 166.666667"},
       {"scan_angle_rank", {-7, 12}, {-7, 12}, 0, ""},
-      {"point_source_id", {1, 70000}, {1, 65535}, 0, "1 values that do not fit 0 to 65535 clamped"},
+      {"point_source_id", {1, 70000}, {1, 65535}, 0, "1 of 2 values clamped to 0 to 65535"},
       {"user_data",
        {-1, 256, 7, 1.5},
        {0, 255, 7, 2},
        0,
-       "1 values rounded, 2 values that do not fit 0 to 255 clamped"},
-      {"withheld", {0, 1, 2}, {0, 1, 1}, 0, "1 values that do not fit 0 to 1 clamped"},
-      {"scanner_channel", {0, 3, 4}, {0, 3, 3}, 6, "1 values that do not fit 0 to 3 clamped"},
+       "1 of 4 values rounded, 2 of 4 values clamped to 0 to 255"},
+      {"withheld", {0, 1, 2}, {0, 1, 1}, 0, "1 of 3 values clamped to 0 to 1"},
+      {"scanner_channel", {0, 3, 4}, {0, 3, 3}, 6, "1 of 3 values clamped to 0 to 3"},
       {"gps_time", {-1e9, 0.1, 3e8 + 0.015625}, {-1e9, 0.1, 3e8 + 0.015625}, 1, ""},
   };
   const TemporaryFolder folder;
@@ -218,7 +229,7 @@ TEST(LasFields, ColoursOutsideOfTheirRangeAreCounted) {
   cloud.color = {{0, 0.5F, 1}, {2, 0, 0}, {0, 0, std::nanf("")}};
   cloud.color_encoding = ColorEncoding::kFloatLinear;
   EXPECT_EQ(write_cloud(cloud, folder / "a.las"),
-            std::vector<std::string>{"2 colours outside of 0 to 1 clamped"});
+            std::vector<std::string>{"2 of 3 colours clamped to 0 to 1"});
 }
 
 /// Whatever stands in a column, every value comes back under the column's name as it was, or a

@@ -54,6 +54,8 @@ class FieldBytes {
   std::string bytes_;
 };
 
+constexpr std::uint64_t kFewValues =
+    10;                               ///< So many change no factor, however few others there are.
 constexpr double kAngleStep = 0.006;  ///< Degrees of a step of `scan_angle`.
 
 /// A column of the cloud that goes into a field of the points: (value - offset) * factor, rounded
@@ -107,7 +109,9 @@ void choose_factor(const CloudSurvey::Range& range, Filled& filled) {
     filled.factor = 1 / kAngleStep;
   }
   if (!brightness || range.least > range.most) return;
-  const auto are_many = [&](std::uint64_t values) { return values > range.count / 100; };
+  const auto are_many = [&](std::uint64_t values) {
+    return values > kFewValues && values > range.count / 100;
+  };
   if (are_many(range.outside)) {
     const double span = range.most - range.least;
     filled.offset = range.least;
@@ -517,21 +521,23 @@ class LasWriter::Impl {
             filled.offset == 0 ? "the value" : fmt::format("(the value {:+.9g})", -filled.offset),
             filled.factor));
       } else if (range.fractions > 0 && !filled.exact) {
-        parts.push_back(fmt::format("{} values rounded", range.fractions));
+        parts.push_back(fmt::format("{} of {} values rounded", range.fractions, range.count));
       }
       if (counts_.clamped[k] > 0) {
-        parts.push_back(fmt::format("{} values that do not fit {} to {} clamped",
-                                    counts_.clamped[k], filled.least, filled.most));
+        parts.push_back(fmt::format("{} of {} values clamped to {} to {}", counts_.clamped[k],
+                                    range.count, filled.least, filled.most));
       }
       if (range.nan > 0 && !filled.exact) {
-        parts.push_back(fmt::format("{} values that are not a number are 0", range.nan));
+        parts.push_back(
+            fmt::format("{} of {} values not a number, stored as 0", range.nan, range.count));
       }
       if (!parts.empty()) {
         lines.push_back(fmt::format("{}: {}", filled.column.name, fmt::join(parts, ", ")));
       }
     }
     if (counts_.colors > 0) {
-      lines.push_back(fmt::format("{} colours outside of 0 to 1 clamped", counts_.colors));
+      lines.push_back(
+          fmt::format("{} of {} colours clamped to 0 to 1", counts_.colors, survey_.count));
     }
     for (const Extra& extra : extra_) {
       if (extra.name == extra.column.name) continue;

@@ -15,10 +15,10 @@ namespace surfel {
 /// hold, or the number of points wants it, or the cloud came from such a file (SurfelCloud::las).
 /// Columns with the names of las_fields(), case aside, fill these fields: `intensity` and `nir` of
 /// 0 to 1 times 65535, of 0 to 255 with fractions times 257, and moved and scaled into 16 bits
-/// where more than one value in 100 lies outside of them; a `scan_angle` with fractions is taken
-/// for degrees; all other values are rounded and clamped, and what is not a number becomes 0. All
-/// other columns are extra bytes under their names, of 32 characters at most. Colours have 16 bits,
-/// but 8 where the cloud came from LAS with 8. Coordinates have the scale and offset of
+/// where more than ten values, and one in 100, lie outside of them; a `scan_angle` with fractions
+/// is taken for degrees; all other values are rounded and clamped, and what is not a number becomes
+/// 0. All other columns are extra bytes under their names, of 32 characters at most. Colours have
+/// 16 bits, but 8 where the cloud came from LAS with 8. Coordinates have the scale and offset of
 /// SurfelCloud::las where that reaches; else the scale is SurfelCloud::decimals', or the power of
 /// ten that is finer than the cloud's positions. How pieces are cut does not change the file, which
 /// appears whole or not at all (OutputFile). Internal to the io module.
@@ -37,7 +37,7 @@ class LasWriter {
   /// \param comments  lines that are stored in a block of their own; the first piece's count
   void append(const SurfelCloud& piece, const std::vector<std::string>& comments);
   /// Completes the file. Returns a line for each column whose values or name the file holds
-  /// otherwise than the cloud: "intensity: 3 values that do not fit 0 to 65535 clamped".
+  /// otherwise than the cloud: "intensity: 3 of 500 values clamped to 0 to 65535".
   std::vector<std::string> commit();
 
  private:
