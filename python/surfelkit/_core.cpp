@@ -84,7 +84,7 @@ void bind_exceptions(py::module_& module) {
           kind = PyExc_KeyboardInterrupt;
           break;
       }
-      PyErr_SetString(kind, error.what());
+      PyErr_SetObject(kind, text_of(error.what()).ptr());
     }
   });
 }
@@ -219,7 +219,7 @@ class Listening {
 };
 
 void tell(const py::object& progress) {
-  for (const auto& [name, share] : stages().news()) progress(name, share);
+  for (const auto& [name, share] : stages().news()) progress(text_of(name), share);
 }
 
 void bind_threads(py::module_& module) {
@@ -244,6 +244,20 @@ void bind_names(py::module_& module) {
       "allow_outside", [](bool allowed) { allow_outside(allowed); }, py::arg("allowed"),
       "Lets files name images and other files outside of their folders, in all calls of the "
       "process; False at its start.");
+}
+
+/// An object that __new__ made and no __init__ filled has no value; pybind11 would give it memory
+/// that was never set as soon as it is used.
+void refuse_empty_objects(const py::module_& module) {
+  for (const auto& [name, value] : module.attr("__dict__").cast<py::dict>()) {
+    if (!py::isinstance<py::type>(value)) continue;
+    auto* const type = reinterpret_cast<PyTypeObject*>(value.ptr());
+    if (py::detail::type_info* const info = py::detail::get_type_info(type)) {
+      info->operator_new = [](std::size_t) -> void* {
+        throw py::type_error("the object has no value: it was made by __new__ without __init__");
+      };
+    }
+  }
 }
 
 }  // namespace
@@ -351,6 +365,11 @@ void with_names(const std::vector<std::pair<std::string, std::string>>& names,
   }
 }
 
+py::str text_of(const std::string& text) {
+  return py::reinterpret_steal<py::str>(
+      PyUnicode_DecodeUTF8(text.data(), static_cast<py::ssize_t>(text.size()), "surrogateescape"));
+}
+
 std::string text_of(const py::dtype& type) { return py::str(py::handle(type)); }
 
 std::string shape_text(const std::vector<py::ssize_t>& shape) {
@@ -453,4 +472,5 @@ PYBIND11_MODULE(_core, module) {
   bind_pictures(module);
   bind_files(module);
   bind_work(module);
+  refuse_empty_objects(module);
 }

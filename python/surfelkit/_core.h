@@ -195,6 +195,8 @@ py::array as_array(const py::object& given);
 py::array values_of(const py::object& given, const py::dtype& type,
                     const std::vector<py::ssize_t>& shape, const std::string& name);
 
+/// A text with the names of files, as os.fsdecode() has them: their bytes may be no UTF-8.
+py::str text_of(const std::string& text);
 /// A type as messages have it: "float32".
 std::string text_of(const py::dtype& type);
 /// A shape as messages have it: "(N, 3)", N for -1.

@@ -63,6 +63,18 @@ ViewCamera camera_of(const std::array<int, 2>& size, const py::object& intrinsic
   if (!(rotation * rotation.transpose()).isIdentity(kTolerance) || rotation.determinant() < 0) {
     throw_usage("`matrix` must take the world to the camera by a rotation and a translation");
   }
+  // What a camera has no place for is refused, but for rounding.
+  constexpr double kRounding = 1e-9;
+  if (!((m.row(3) - Eigen::RowVector4d(0, 0, 0, 1)).array().abs() <= kRounding).all()) {
+    throw_usage("the last row of `matrix` must be 0, 0, 0, 1");
+  }
+  Eigen::Matrix3d plain;
+  plain << k(0, 0), 0, k(0, 2), 0, k(1, 1), k(1, 2), 0, 0, 1;
+  if (!((k - plain).array().abs() <= kRounding * k.cwiseAbs().maxCoeff()).all()) {
+    throw_usage(
+        "`intrinsics` must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]: skew is not drawn; undistort "
+        "the pictures first");
+  }
   Camera camera;
   camera.camera_from_world = rotation;
   camera.eye = -rotation.transpose() * m.topRightCorner<3, 1>();
@@ -90,6 +102,7 @@ void bind_camera(py::module_& module) {
            "size: (width, height), pixels.\n"
            "intrinsics: (3, 3): focal lengths and principal point, pixels; of orthographic\n"
            "    cameras pixels by scene unit.\n"
+           "    Skew is refused.\n"
            "matrix: (4, 4), world to camera, a rotation and a translation.\n"
            "near: nothing nearer along z is drawn, scene units.\n\n"
            "Raises UsageError where this is no camera.")

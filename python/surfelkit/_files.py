@@ -9,7 +9,7 @@ from typing import Mapping, Sequence
 import numpy as np
 
 from . import _core
-from ._arguments import Array, Path, Progress, Vector
+from ._arguments import Array, Path, Progress, Vector, name_of
 from ._core import GaussianCloud, Image, SurfelCloud, TriangleMesh
 
 
@@ -19,7 +19,7 @@ def read(path: Path) -> SurfelCloud | TriangleMesh | GaussianCloud | Image:
     PLY is told by its header, other files by their names. Raises InputError for volumes and for
     formats that are not read, FileError where the file cannot be read.
     """
-    kind = _core.file_kind(os.fsencode(path))
+    kind = _core.file_kind(name_of(path))
     if kind == "mesh":
         return read_mesh(path)
     if kind == "gaussians":
@@ -54,17 +54,17 @@ def read_points(
     Of a file with levels of detail the finest is read. Raises InputError, FileError, UsageError.
     """
     options = {"every": every, "level": level, "bounds": bounds, "columns": list(columns)}
-    return _core.read_points(os.fsencode(path), options, progress, threads)
+    return _core.read_points(name_of(path), options, progress, threads)
 
 
 def read_mesh(path: Path) -> TriangleMesh:
     """A mesh of PLY, OBJ, STL, OFF or glTF. Raises InputError, FileError."""
-    return _core.read_mesh(os.fsencode(path))
+    return _core.read_mesh(name_of(path))
 
 
 def read_gaussians(path: Path) -> GaussianCloud:
     """Trained splats of PLY, .splat, .spz or .ksplat. Raises InputError, FileError."""
-    return _core.read_gaussians(os.fsencode(path))
+    return _core.read_gaussians(name_of(path))
 
 
 def read_image(path: Path, *, raw: bool = False) -> Image:
@@ -74,7 +74,7 @@ def read_image(path: Path, *, raw: bool = False) -> Image:
 
     Raises InputError, FileError.
     """
-    return _core.read_image(os.fsencode(path), raw)
+    return _core.read_image(name_of(path), raw)
 
 
 def write(
@@ -101,7 +101,7 @@ def write(
         raise _core.UsageError("`ascii` has no effect but on clouds; leave it out")
     if metadata and not isinstance(data, (Image, np.ndarray)):
         raise _core.UsageError("`metadata` has no effect but on pictures; leave it out")
-    name = os.fsencode(path)
+    name = name_of(path)
     if isinstance(data, SurfelCloud):
         for change in _core.write_points(name, data, ascii, no_clobber):
             warnings.warn(f"{os.fspath(path)!r}: {change}", stacklevel=2)

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from . import _core
-from ._arguments import Array, Path, Progress, Size, Vector, options_of
+from ._arguments import Array, Path, Progress, Size, Vector, name_of, options_of
 from ._core import Camera, GaussianCloud, Image, SurfelCloud
 
 _VIEW = _core.view_defaults()
@@ -75,9 +75,9 @@ class Renderer:
     ) -> None:
         options = options_of(locals(), _RENDER)
         surfels: SurfelCloud | bytes = (
-            source if isinstance(source, SurfelCloud) else os.fsencode(source)
+            source if isinstance(source, SurfelCloud) else name_of(source)
         )
-        name = None if scene is None else os.fsencode(scene)
+        name = None if scene is None else name_of(scene)
         self._renderer = _core.Renderer(surfels, name, options, progress, threads)
 
     def __len__(self) -> int:

@@ -8,7 +8,7 @@ from typing import Any, Iterator, MutableMapping
 from numpy.typing import ArrayLike
 
 from . import _core
-from ._arguments import Array, Path, Progress, Vector, options_of
+from ._arguments import Array, Path, Progress, Vector, name_of, options_of
 from ._core import Image, SurfelCloud, TriangleMesh
 
 _ESTIMATE = _core.estimate_defaults()
@@ -195,7 +195,7 @@ def fit_texture(
     Raises UsageError, and InputError where the cloud lacks what the image needs.
     """
     options = options_of(locals(), _FIT)
-    source = os.fsencode(image) if isinstance(image, (str, os.PathLike)) else image
+    source = name_of(image) if isinstance(image, (str, os.PathLike)) else image
     surfels, figures = _core.fit_texture(cloud, source, mesh, options, progress, threads)
     if report is not None:
         report.update(figures)

@@ -114,3 +114,41 @@ def test_the_example_runs(source, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     runpy.run_path(str(source / "examples/python/scan.py"), run_name="__main__")
     assert surfelkit.read_image("scan.png").rgba.shape == (480, 640, 4)
+
+
+def test_names_of_files_reach_the_system_whole(plane, tmp_path):
+    surfelkit.write(tmp_path / "a.ply", plane)
+    cut = str(tmp_path / "a.ply") + "\0.ply"
+    for use in [
+        lambda: surfelkit.read(cut),
+        lambda: surfelkit.read_points(cut),
+        lambda: surfelkit.read_mesh(cut),
+        lambda: surfelkit.read_gaussians(cut),
+        lambda: surfelkit.read_image(cut),
+        lambda: surfelkit.write(cut, plane),
+        lambda: surfelkit.Renderer(cut),
+        lambda: surfelkit.Renderer(plane, scene=cut),
+        lambda: surfelkit.fit_texture(plane, cut),
+    ]:
+        with pytest.raises(ValueError, match="NUL"):
+            use()
+
+
+def test_errors_have_the_names_of_files_that_are_no_utf8():
+    with pytest.raises(surfelkit.FileError, match="\udcff.ply: "):
+        surfelkit.read("\udcff.ply")
+
+
+def test_objects_without_a_value_are_refused():
+    kinds = [kind for kind in vars(surfelkit._core).values() if isinstance(kind, type)]
+    kinds = [kind for kind in kinds if not issubclass(kind, Exception)]
+    assert len(kinds) >= 6
+    for kind in kinds:
+        empty = kind.__new__(kind)
+        for name in dir(kind):
+            if isinstance(vars(kind).get(name), property):
+                with pytest.raises((TypeError, RuntimeError)):
+                    repr(getattr(empty, name))
+        for name in {"__len__", "__repr__"} & set(vars(kind)):
+            with pytest.raises((TypeError, RuntimeError)):
+                getattr(kind, name)(empty)

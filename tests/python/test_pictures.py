@@ -62,6 +62,14 @@ def test_cameras_of_intrinsics_and_a_matrix_see_where_points_are(plane):
         Camera((0, 48), intrinsics, matrix)
     with pytest.raises(InputError, match=r"\(3, 3\)"):
         Camera((64, 48), np.eye(4), matrix)
+    for row, column, value in [(0, 1, 2.0), (1, 0, 1.0), (2, 0, 0.1), (2, 2, 2.0)]:
+        skewed = intrinsics.copy()
+        skewed[row, column] = value
+        with pytest.raises(UsageError, match="skew"):
+            Camera((64, 48), skewed, matrix)
+    for last in [[0, 0, 0, 2], [0, 0, 1, 0], [0.5, 0, 0, 1], [0, 0, 0, np.nan]]:
+        with pytest.raises(UsageError, match="last row"):
+            Camera((64, 48), intrinsics, np.vstack([matrix[:3], last]))
 
 
 def test_a_renderer_draws_from_many_cameras(plane, tmp_path):
