@@ -10,6 +10,7 @@
 #include <surfel/io/image_io.h>
 #include <surfel/scene/framing.h>
 
+#include "support/measured_run.h"
 #include "support/run_tool.h"
 #include "support/test_data.h"
 
@@ -129,6 +130,20 @@ TEST(Views, PicturesAreNamedSelectedAndSkipped) {
   EXPECT_TRUE(contains(result.errors, "--fov has no effect")) << result.errors;
   EXPECT_EQ(make({"--up", "auto"}).exit_code, 2);
   EXPECT_EQ(make({"--original-world"}).exit_code, 1);
+}
+
+/// Comparing each with all others takes minutes.
+TEST(Views, NamesOfThousandsOfPicturesTakeNoTime) {
+  const TemporaryFolder folder;
+  make_ball(folder);
+  write_text(folder / "turn_0.png", "there");
+  const MeasuredRun made =
+      measured_run({tool("surfel-render"), folder / "ball.ply", "-o", folder / "turn_%d.png",
+                    "--turntable", "100000", "--no-clobber"},
+                   folder / "");
+  EXPECT_EQ(made.exit_code, 1);
+  EXPECT_TRUE(contains(made.message, "turn_0.png")) << made.message;
+  EXPECT_LT(made.seconds, 5);
 }
 
 TEST(Views, SizeScalesKnownViews) {

@@ -6,6 +6,7 @@
 #include <functional>
 #include <map>
 #include <numbers>
+#include <numeric>
 #include <string>
 #include <vector>
 
@@ -16,6 +17,7 @@
 #include <support/message_of.h>
 #include <support/test_data.h>
 #include <surfel/base/error.h>
+#include <surfel/base/timing.h>
 #include <surfel/io/mesh_io.h>
 #include <surfel/scene/triangle_mesh.h>
 
@@ -581,6 +583,25 @@ TEST(Gltf, DamagedContainersAreRefused) {
   EXPECT_NE(failure("[1e999]", "m.gltf").find("beyond all bounds"), std::string::npos);
   EXPECT_NE(failure(std::string(1000, '['), "m.gltf").find("more than 64 others"),
             std::string::npos);
+}
+
+/// A parser that looks through all values of an array after each takes 19 seconds.
+TEST(Gltf, ThousandsOfSiblingsTakeNoTime) {
+  Document document;
+  document.add_mesh(kTriangle);
+  constexpr std::size_t kNodes = 40000;
+  std::vector<std::size_t> children(kNodes);
+  std::iota(children.begin(), children.end(), std::size_t{1});
+  document.root["nodes"] = {{{"children", children}}};
+  for (std::size_t i = 0; i < kNodes; ++i) document.root["nodes"].push_back({{"mesh", 0}});
+  const std::string text = document.text();
+  const Timer timer;
+  EXPECT_EQ(read_bytes(text, "m.gltf").face.size(), kNodes);
+  EXPECT_LT(timer.milliseconds(), 5000);
+  // Brackets in texts make nothing deep.
+  document.root["asset"]["generator"] = std::string(1000, '[') + "\"\\" + std::string(1000, '{');
+  document.root["nodes"] = {{{"mesh", 0}}};
+  EXPECT_EQ(read_bytes(document.text(), "m.gltf").face.size(), 1U);
 }
 
 TEST(Gltf, WhatDoesNotFitIsRefusedWithItsPlace) {

@@ -166,8 +166,10 @@ void RunFiles::write_also(const std::string& option, const std::string& path) {
 }
 
 void RunFiles::add_input(const File& file) {
-  for (const File& output : outputs_) {
-    if (same_file(file.path, output.path)) refuse(file, output, output.name + " another name");
+  for (const auto& [option, outputs] : outputs_) {
+    for (const File& output : outputs) {
+      if (same_file(file.path, output.path)) refuse(file, output, option + " another name");
+    }
   }
   inputs_.push_back(file);
 }
@@ -176,14 +178,15 @@ void RunFiles::add_output(const File& file) {
   for (const File& input : inputs_) {
     if (same_file(input.path, file.path)) refuse(input, file, file.name + " another name");
   }
-  for (const File& output : outputs_) {
+  for (const auto& [option, outputs] : outputs_) {
     // One option's files have names that differ; comparing thousands of them with each other would
     // take minutes.
-    if (output.name != file.name && same_target(output.path, file.path)) {
-      refuse(output, file, "each a name of its own");
+    if (option == file.name) continue;
+    for (const File& output : outputs) {
+      if (same_target(output.path, file.path)) refuse(output, file, "each a name of its own");
     }
   }
-  outputs_.push_back(file);
+  outputs_[file.name].push_back(file);
 }
 
 void RunFiles::refuse(const File& a, const File& b, const std::string& advice) {

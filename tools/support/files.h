@@ -1,5 +1,6 @@
 #pragma once
 
+#include <map>
 #include <string>
 #include <vector>
 
@@ -73,7 +74,7 @@ class RunFiles {
   std::vector<std::string> input_options_;
   std::vector<Output> output_options_;
   std::vector<File> inputs_;
-  std::vector<File> outputs_;
+  std::map<std::string, std::vector<File>> outputs_;  ///< By the option's name.
 };
 
 }  // namespace surfel::tool
