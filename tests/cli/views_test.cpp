@@ -139,7 +139,7 @@ TEST(Views, NamesOfThousandsOfPicturesTakeNoTime) {
   write_text(folder / "turn_0.png", "there");
   const MeasuredRun made =
       measured_run({tool("surfel-render"), folder / "ball.ply", "-o", folder / "turn_%d.png",
-                    "--turntable", "100000", "--no-clobber"},
+                    "--turntable", "100000", "--no-clobber", "--quiet"},
                    folder / "");
   EXPECT_EQ(made.exit_code, 1);
   EXPECT_TRUE(contains(made.message, "turn_0.png")) << made.message;
