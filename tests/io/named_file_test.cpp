@@ -264,6 +264,13 @@ TEST(NamedFile, NoMoreIsReadThanIsPromised) {
     put(folder / "data", naming.content);
     fs::resize_file(folder / "data", std::uintmax_t{1} << 40);
     EXPECT_EQ(message_of([&] { naming.read(folder / ".", "data"); }), "") << kind;
+    if (kind == "MetaImage") {
+      const std::string far = kMetaImage + "CompressedData = True\nHeaderSize = 549755813888\n" +
+                              "ElementDataFile = data\n";
+      put(folder / "far.mhd", far);
+      const std::string message = message_of([&] { read_volume(folder / "far.mhd"); });
+      EXPECT_NE(message.find("compressed data is damaged"), std::string::npos) << message;
+    }
     fs::resize_file(folder / "data", 11);
     EXPECT_NE(message_of([&] { naming.read(folder / ".", "data"); }), "") << kind;
   }

@@ -28,7 +28,8 @@ struct ToolRun {
 };
 
 /// Runs tools in a folder, one process at a time. They read images of as many pixels as this
-/// process does (set_most_image_pixels()), unless their options say otherwise.
+/// process does (set_most_image_pixels()), unless their options say otherwise, and files that it
+/// may read because others name them (allow_outside()).
 class ToolRunner {
  public:
   /// \param tools    Folder of the tools.

@@ -66,8 +66,9 @@ void read_voxels(const InputFile& input, const VoxelLayout& layout, Volume& volu
     // No program's compression makes data longer than this; what follows is not read.
     const std::size_t most = 2 * bytes + kMostGzipHeader;
     const std::size_t start = std::min(layout.offset, input.size());
-    unpacked = gunzip(input.head(start + std::min(input.size() - start, most)).subspan(start),
-                      bytes, input.name());
+    const std::size_t count = std::min(input.size() - start, most);
+    Array<std::byte> packed;
+    unpacked = gunzip({input.read_at(start, count, packed), count}, bytes, input.name());
   }
   volume.value.resize(volume.voxels());
   parallel_for(volume.voxels(), kVoxelGrain, [&](std::size_t begin, std::size_t end, int) {
