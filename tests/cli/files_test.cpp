@@ -66,12 +66,13 @@ class Files : public testing::Test {
 
 TEST_F(Files, NamesInFilesLeadOutOfTheirFoldersOnlyWherePermitted) {
   fs::create_directory(at("in"));
-  write_text(at("in/scene.toml"), "[environment]\nimage = \"../sky.png\"\n");
+  run({tool("surfel-generate"), "checker", "--size", "16x8", "--image", at("wide.png")});
+  write_text(at("in/scene.toml"), "[environment]\nimage = \"../wide.png\"\n");
   const std::string command = "surfel-render cloud.ply --size 8 --scene in/scene.toml -o - ";
   const RunResult refused = run_here(command);
   EXPECT_EQ(refused.exit_code, 1);
   EXPECT_TRUE(contains(refused.errors,
-                       "in/scene.toml: names the file sky.png, which lies outside "
+                       "in/scene.toml: names the file wide.png, which lies outside "
                        "of this file's folder and is read only with "
                        "--allow-outside"))
       << refused.errors;
