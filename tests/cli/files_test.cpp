@@ -143,7 +143,7 @@ TEST_F(Files, StandardStreamsAreTheFilesThatTheyLeadTo) {
                  "surfels - and --output cloud.ply are one file, which would be lost");
   expect_refused("surfel-estimate - -o - < cloud.ply >> cloud.ply",
                  "cloud - and --output - are one file, which would be lost");
-  expect_refused("surfel-render - -o sky.png < sky.png", "surfels - and --output sky.png are one");
+  expect_refused("surfel-render - -o sky.png < sky.png", "files - and --output sky.png are one");
   expect_refused("surfel-group cloud.ply -o - --stats cloud.json >> cloud.json",
                  "--output - and --stats cloud.json are one file");
 }
