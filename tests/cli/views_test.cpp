@@ -110,13 +110,13 @@ TEST(Views, PicturesAreNamedSelectedAndSkipped) {
   };
   RunResult result = make({"--frames", "1-2"});
   EXPECT_EQ(result.exit_code, 0) << result.errors;
-  EXPECT_EQ(entries(folder / "out"), (Words{"set_1.png", "set_2.png"}));
-  write_text(folder / "out/set_1.png", "kept");
+  EXPECT_EQ(entries(folder / "out"), (Words{"1.png", "2.png"}));
+  write_text(folder / "out/1.png", "kept");
   result = make({"--skip-existing"});
   EXPECT_EQ(result.exit_code, 0) << result.errors;
   EXPECT_TRUE(contains(result.errors, "2 of 4 pictures are there already")) << result.errors;
   EXPECT_EQ(entries(folder / "out").size(), 4U);
-  EXPECT_EQ(read_text(folder / "out/set_1.png"), "kept");
+  EXPECT_EQ(read_text(folder / "out/1.png"), "kept");
   // With nothing to be made the surfels are not even read.
   std::filesystem::remove(folder / "ball.ply");
   EXPECT_EQ(make({"--skip-existing"}).exit_code, 0);
