@@ -3,11 +3,14 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
+#include <limits>
 #include <utility>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <surfel/base/bounds.h>
+#include <surfel/base/coordinate_spread.h>
+#include <surfel/base/elementary.h>
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
 #include <surfel/io/cloud_io.h>
@@ -70,6 +73,40 @@ void tell_not_finite(const Tool& tool, const std::string& path, const NotFinite&
   if (counts.empty()) return;
   tool.note(fmt::format("{}: {} of {} surfels are not finite: kept as they are", shown_name(path),
                         counts, found.surfels));
+}
+
+void RoundedPositions::add(const SurfelCloud& cloud) {
+  // Half of the last digit or step that tells coordinates apart; where there is none, what is
+  // little for most of the points.
+  double most = std::numeric_limits<double>::infinity();
+  if (cloud.las) {
+    most = cloud.las->scale.minCoeff() / 2;
+  } else if (cloud.decimals) {
+    most = portable::pow(10.0, -*cloud.decimals) / 2;
+  } else if (cloud.double_positions) {
+    CoordinateSpread spread;
+    spread.add(cloud.origin, cloud.position);
+    const Bounds box = cloud.bounds();
+    const Bounds core = spread.core(box);
+    if (core.diagonal() < box.diagonal()) most = std::ldexp(core.diagonal(), -20);
+  }
+  for (std::size_t i = 0; i < cloud.size(); ++i) {
+    const double reach = static_cast<double>(cloud.position[i].cwiseAbs().maxCoeff());
+    const double half_step = std::ldexp(reach, -24);
+    if (!std::isfinite(reach) || half_step <= most) continue;
+    if (count++ == 0) example = cloud.world(i);
+    rounding = std::max(rounding, half_step);
+  }
+}
+
+void tell_rounded(const Tool& tool, const std::string& path, const RoundedPositions& found) {
+  if (found.count == 0) return;
+  const Vec3d& p = found.example;
+  tool.note(fmt::format(
+      "{}: {} points lie so far from most of the others, the first at {:.10g} {:.10g} {:.10g}, "
+      "that their coordinates may be rounded, by up to {:.2g}; --bounds or --remove-outliers "
+      "leaves them out",
+      shown_name(path), found.count, p.x(), p.y(), p.z(), found.rounding));
 }
 
 CloudReadOptions PartSettings::options() const {

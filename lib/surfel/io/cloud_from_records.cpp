@@ -57,6 +57,8 @@ class Reader {
   struct Measures {
     std::vector<Bounds> boxes;
     std::vector<int> decimals;  ///< Empty where they are not counted.
+    /// Unset where coordinates are floats, which are exact about an origin for the whole box.
+    std::optional<CoordinateSpread> spread;
 
     Bounds box() const {
       Bounds all;
@@ -66,6 +68,8 @@ class Reader {
       }
       return all;
     }
+    /// What the origin should suit.
+    Bounds core() const { return spread ? spread->core(box()) : box(); }
   };
   /// Decodes `count` records in memory, the first of which is surfel `begin`.
   using Column =
@@ -161,12 +165,18 @@ void Reader::add_columns() {
 PointPlace Reader::place_of(const Measures& measures) const {
   const Bounds box = measures.box();
   require_float_extent(box, file_);
-  if (table_.said_bounds && !counts_decimals() && about_the_same(*table_.said_bounds, box)) {
+  const Bounds core = measures.core();
+  if (core.diagonal() == box.diagonal() && table_.said_bounds && !counts_decimals() &&
+      about_the_same(*table_.said_bounds, box)) {
     return {box, origin_for(*table_.said_bounds, table_.stepped), {}};
   }
   const std::vector<int>& decimals = measures.decimals;
-  if (decimals.empty()) return place_points(box, table_.stepped, {});
-  return place_points(box, table_.stepped, *std::max_element(decimals.begin(), decimals.end()));
+  PointPlace place =
+      decimals.empty()
+          ? place_points(core, table_.stepped, {})
+          : place_points(core, table_.stepped, *std::max_element(decimals.begin(), decimals.end()));
+  place.bounds = box;
+  return place;
 }
 
 /// Fills columns and measures the points.
@@ -179,12 +189,14 @@ void Reader::pass(std::span<const Column> columns, Measures* measures) {
   // What is read range by range is part of a longer stage.
   std::optional<ProgressStage> stage;
   if (measures) stage.emplace("reading " + file_, table_.count, "points");
+  PerWorker<CoordinateSpread> spreads;
   table_.for_pieces(kReadBlock, [&](std::size_t piece, std::size_t begin, std::size_t end,
-                                    const std::byte* records) {
+                                    const std::byte* records, int worker) {
     for (std::size_t i = begin; i < end; i += SurfelDecoder::kPiece) {
       const std::size_t count = std::min(SurfelDecoder::kPiece, end - i);
       if (measures) {
         decoder_.measure(records, count, measures->boxes[piece]);
+        if (decoder_.double_positions()) decoder_.measure(records, count, spreads[worker]);
         if (!measures->decimals.empty()) {
           decoder_.count_decimals(records, count, measures->decimals[piece]);
         }
@@ -193,6 +205,10 @@ void Reader::pass(std::span<const Column> columns, Measures* measures) {
       records += count * table_.stride;
     }
     if (stage) stage->add(end - begin);
+  });
+  spreads.for_each([&](const CoordinateSpread& part) {
+    if (!measures->spread) measures->spread.emplace();
+    measures->spread->add(part);
   });
 }
 

@@ -128,7 +128,9 @@ void SortedCloudWriter::Impl::place(const CloudSurvey& survey, const SurfelCloud
   const Bounds box = survey.written_box(like);
   if (box.empty()) return;
   const bool doubles = CloudRecords(like, {}).columns().front().type == ScalarType::kFloat64;
-  origin = place_points(box, like.las.has_value(), doubles ? survey.decimals : std::nullopt).origin;
+  const Bounds core = doubles ? survey.written_core(like) : box;
+  origin =
+      place_points(core, like.las.has_value(), doubles ? survey.decimals : std::nullopt).origin;
   grid = MortonGrid((box.min - origin).cast<float>(), (box.max - origin).cast<float>());
 }
 

@@ -81,6 +81,7 @@ void CloudSurvey::add(const SurfelCloud& piece) {
     records.encode(0, outermost.size(), bytes.data());
     for (std::size_t i = 0; i < outermost.size(); ++i) rounded_box_.add(positions(bytes.data(), i));
   }
+  spread_.add(piece.origin, piece.position);
   if (!nowhere) {
     const auto first = std::find_if(piece.position.begin(), piece.position.end(),
                                     [](const Vec3f& position) { return !position.allFinite(); });

@@ -7,6 +7,7 @@
 #include <string>
 
 #include <surfel/base/bounds.h>
+#include <surfel/base/coordinate_spread.h>
 #include <surfel/base/export.h>
 #include <surfel/scene/surfel_cloud.h>
 
@@ -36,6 +37,8 @@ class SURFEL_API CloudSurvey {
   /// LAS.
   /// \param like  a piece that was settled
   const Bounds& written_box(const SurfelCloud& like) const;
+  /// The part of that box that an origin of double coordinates suits: without stray points.
+  Bounds written_core(const SurfelCloud& like) const { return spread_.core(written_box(like)); }
 
   std::uint64_t count = 0;
   Bounds box;  ///< Of the finite positions, world coordinates.
@@ -49,6 +52,7 @@ class SURFEL_API CloudSurvey {
   void add_ranges(const SurfelCloud& piece);
   bool with_ranges_;
   Bounds rounded_box_;
+  CoordinateSpread spread_;
 };
 
 }  // namespace surfel

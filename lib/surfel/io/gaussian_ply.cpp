@@ -317,9 +317,8 @@ GaussianCloud read_gaussian_ply(PlyFile& ply, const GaussianReadOptions& options
   decoder.into(cloud);
   if (decoder.wide()) place_wide(ply, cloud);
   table.for_pieces(kGaussianGrain,
-                   [&](std::size_t, std::size_t begin, std::size_t end, const std::byte* records) {
-                     decoder.decode(records, end - begin, begin);
-                   });
+                   [&](std::size_t, std::size_t begin, std::size_t end, const std::byte* records,
+                       int) { decoder.decode(records, end - begin, begin); });
   finish_gaussians(cloud, ply.name());
   const PlyElement* const merged = ply.header().find(kMergedElement);
   if (merged) cloud.coarser_skipped = merged->count;

@@ -316,11 +316,14 @@ class LasWriter::Impl {
     returns_ = static_cast<std::byte>(has("number_of_returns") ? 1 : one_of_one);
   }
 
+  static constexpr double kMostSteps = std::numeric_limits<std::int32_t>::max();
+  static double power_of_ten_below(double length) {
+    return portable::pow(10.0, std::floor(portable::log10(length)));
+  }
   /// Can the steps tell all positions?
   static bool reaches(const Vec3d& scale, const Vec3d& offset, const Bounds& box) {
-    constexpr double kMost = std::numeric_limits<std::int32_t>::max();
     const auto in_reach = [&](const Vec3d& corner) {
-      return ((corner - offset).array() / scale.array()).abs().maxCoeff() < kMost;
+      return ((corner - offset).array() / scale.array()).abs().maxCoeff() < kMostSteps;
     };
     return in_reach(box.min) && in_reach(box.max);
   }
@@ -332,19 +335,33 @@ class LasWriter::Impl {
       offset_ = las_->offset;
       if (box.empty() || reaches(scale_, offset_, box)) return;
     }
-    if (first.decimals && !box.empty()) {
-      scale_ = Vec3d::Constant(1 / power_of_ten(*first.decimals));
-      offset_ = first.origin.array().round();
-      if (reaches(scale_, offset_, box)) return;
-    }
-    // Floats that far from the origin have 24 bits.
-    const double reach = box.empty() ? 0
-                                     : std::max((box.max - first.origin).cwiseAbs().maxCoeff(),
-                                                (box.min - first.origin).cwiseAbs().maxCoeff());
-    const double step =
-        reach > 0 ? portable::pow(10.0, std::floor(portable::log10(reach * 0x1p-24))) : 1e-3;
-    scale_ = Vec3d::Constant(step);
     offset_ = first.origin;
+    double step = 1e-3;
+    if (first.decimals) {
+      step = 1 / power_of_ten(*first.decimals);
+      offset_ = first.origin.array().round();
+    } else if (!box.empty()) {
+      // Floats that far from the origin have 24 bits.
+      const Bounds core = survey_.written_core(first);
+      const double reach = std::max((core.max - first.origin).cwiseAbs().maxCoeff(),
+                                    (core.min - first.origin).cwiseAbs().maxCoeff());
+      if (reach > 0) step = power_of_ten_below(reach * 0x1p-24);
+    }
+    scale_ = Vec3d::Constant(step);
+    if (box.empty() || reaches(scale_, offset_, box)) return;
+    for (int axis = 0; axis < 3; ++axis) {
+      offset_[axis] = std::round(box.min[axis] / 2 + box.max[axis] / 2);
+      const double reach = std::max(box.max[axis] - offset_[axis], offset_[axis] - box.min[axis]);
+      // The finest of steps that reach from the middle to both ends.
+      const double finest = reach > 0 ? 10 * power_of_ten_below(reach / kMostSteps) : 0;
+      scale_[axis] = std::max(step, finest);
+    }
+    if (scale_.maxCoeff() > step) {
+      rounded_ = fmt::format(
+          "coordinates are rounded to steps of {:.2g}: LAS has 32 bits for each, and the points "
+          "extend over {:.4g} units",
+          scale_.maxCoeff(), box.diagonal());
+    }
   }
 
   void add_block(std::string_view user, int id, std::string_view description,
@@ -510,6 +527,7 @@ class LasWriter::Impl {
   /// How what is stored differs from the cloud.
   std::vector<std::string> notes() const {
     std::vector<std::string> lines;
+    if (!rounded_.empty()) lines.push_back(rounded_);
     for (std::size_t k = 0; k < filled_.size() && !counts_.clamped.empty(); ++k) {
       const Filled& filled = filled_[k];
       if (filled.copy) continue;
@@ -670,6 +688,7 @@ class LasWriter::Impl {
   std::vector<std::string> names_;  ///< Of the fields and the extra bytes.
   std::byte returns_{0};            ///< What no column says of the number of the return: the first.
   Vec3d scale_;
+  std::string rounded_;  ///< What there is to tell of coarse steps.
   Vec3d offset_;
   FieldBytes blocks_;
   std::uint32_t block_count_ = 0;

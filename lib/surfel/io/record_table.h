@@ -84,17 +84,17 @@ struct RecordTable {
   std::size_t pieces(std::size_t grain) const {
     return blocks ? blocks->blocks() : (count + grain - 1) / grain;
   }
-  /// Calls body(piece, begin, end, records) for all records, piece by piece in parallel: `grain`
-  /// records each, or the blocks.
+  /// Calls body(piece, begin, end, records, worker) for all records, piece by piece in parallel:
+  /// `grain` records each, or the blocks.
   template <class Body>
   void for_pieces(std::size_t grain, const Body& body) const {
-    parallel_for(pieces(grain), 1, [&](std::size_t piece, std::size_t, int) {
+    parallel_for(pieces(grain), 1, [&](std::size_t piece, std::size_t, int worker) {
       static thread_local Array<std::byte> scratch;
       const std::size_t begin = blocks ? blocks->first(piece) : piece * grain;
       const std::size_t end = blocks ? blocks->first(piece + 1) : std::min(begin + grain, count);
       if (begin == end) return;
       const std::byte* records = blocks ? blocks->read(piece, scratch) : read(begin, end, scratch);
-      body(piece, begin, end, records);
+      body(piece, begin, end, records, worker);
     });
   }
   const RecordColumn* find(std::string_view name) const {

@@ -2,6 +2,7 @@
 #include <atomic>
 #include <cmath>
 #include <limits>
+#include <span>
 #include <utility>
 
 #include <fmt/format.h>
@@ -159,13 +160,13 @@ bool SurfelDecoder::fit(const Field& field) const {
       using From = decltype(load(nullptr));
       using Limits = std::numeric_limits<From>;
       if constexpr (!std::is_unsigned_v<From> || Limits::digits > std::numeric_limits<T>::digits) {
-        table_.for_pieces(
-            kBlock, [&](std::size_t, std::size_t begin, std::size_t end, const std::byte* records) {
-              const std::byte* at = records + column->offset;
-              bool fits = true;
-              for (; begin < end; ++begin, at += table_.stride) fits &= representable<T>(load(at));
-              if (!fits) all = false;
-            });
+        table_.for_pieces(kBlock, [&](std::size_t, std::size_t begin, std::size_t end,
+                                      const std::byte* records, int) {
+          const std::byte* at = records + column->offset;
+          bool fits = true;
+          for (; begin < end; ++begin, at += table_.stride) fits &= representable<T>(load(at));
+          if (!fits) all = false;
+        });
       }
     });
   }
@@ -330,6 +331,21 @@ void SurfelDecoder::measure(const std::byte* records, std::size_t count, Bounds&
       if (min > max) return;
       box.min[axis] = std::min(box.min[axis], static_cast<double>(min));
       box.max[axis] = std::max(box.max[axis], static_cast<double>(max));
+    });
+  }
+}
+
+void SurfelDecoder::measure(const std::byte* records, std::size_t count,
+                            CoordinateSpread& spread) const {
+  for (int axis = 0; axis < 3; ++axis) {
+    const RecordColumn& column = *fields_[index(kPosition)].columns[static_cast<std::size_t>(axis)];
+    visit_column(column, table_.swapped, [&](auto load) {
+      const std::byte* at = records + column.offset;
+      std::array<double, kPiece> coordinates;
+      for (std::size_t i = 0; i < count; ++i, at += table_.stride) {
+        coordinates[i] = static_cast<double>(load(at));
+      }
+      spread.add(axis, std::span(coordinates).first(count));
     });
   }
 }

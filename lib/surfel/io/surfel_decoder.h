@@ -8,6 +8,7 @@
 #include <vector>
 
 #include <surfel/base/bounds.h>
+#include <surfel/base/coordinate_spread.h>
 #include <surfel/base/export.h>
 #include <surfel/io/record_table.h>
 #include <surfel/scene/surfel_cloud.h>
@@ -90,6 +91,8 @@ class SurfelDecoder {
               std::byte* to) const;
   /// Extends the box by the finite coordinates of `count` records, in world coordinates.
   void measure(const std::byte* records, std::size_t count, Bounds& box) const;
+  /// Adds the coordinates of `count` records, kPiece at most, in world coordinates.
+  void measure(const std::byte* records, std::size_t count, CoordinateSpread& spread) const;
   /// Raises `decimals` to the digits behind the decimal point that the finite coordinates of
   /// `count` records have; kManyDecimals if they have so many or more.
   void count_decimals(const std::byte* records, std::size_t count, int& decimals) const;

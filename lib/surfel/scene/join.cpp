@@ -7,6 +7,7 @@
 #include <unordered_map>
 
 #include <fmt/format.h>
+#include <surfel/base/coordinate_spread.h>
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
 #include <surfel/scene/amplitude.h>
@@ -456,13 +457,19 @@ namespace {
 /// Appends the positions, about an origin for all. Returns the largest change of a coordinate.
 double append_positions(const std::vector<SurfelCloud>& clouds, SurfelCloud& out) {
   Bounds box;
+  CoordinateSpread spread;
   for (const SurfelCloud& cloud : clouds) {
     const Bounds b = cloud.bounds();
     if (b.empty()) continue;
     box.add(b.min);
     box.add(b.max);
+    spread.add(cloud.origin, cloud.position);
   }
-  out.origin = float_origin(box);
+  // Coordinates that are floats are exact about an origin that suits the whole box.
+  const bool floats = std::all_of(clouds.begin(), clouds.end(), [](const SurfelCloud& cloud) {
+    return !cloud.double_positions && !cloud.decimals && !cloud.las;
+  });
+  out.origin = float_origin(floats ? box : spread.core(box));
   double rounding = 0;
   Vec3f* to = out.position.data();
   for (const SurfelCloud& cloud : clouds) {

@@ -1,5 +1,6 @@
 #include <cmath>
 
+#include <surfel/base/coordinate_spread.h>
 #include <surfel/base/option_check.h>
 #include <surfel/base/parallel.h>
 #include <surfel/scene/coordinate_system.h>
@@ -52,7 +53,9 @@ void transform_cloud(SurfelCloud& cloud, const Similarity& similarity) {
   at_old_origin.position = cloud.position;
   change(at_old_origin.position,
          [&](const Vec3f& p) -> Vec3f { return (linear * p.cast<double>()).cast<float>(); });
-  const Vec3d origin = float_origin(at_old_origin.bounds());
+  CoordinateSpread spread;
+  spread.add(at_old_origin.origin, at_old_origin.position);
+  const Vec3d origin = float_origin(spread.core(at_old_origin.bounds()));
   const Vec3d shift = at_old_origin.origin - origin;
   change(cloud.position, [&](const Vec3f& p) -> Vec3f {
     return (linear * p.cast<double>() + shift).cast<float>();

@@ -56,15 +56,24 @@ void RecordSource::expect(std::size_t begin, std::size_t end) const {
 
 Bounds RecordSource::measure() const {
   std::vector<Bounds> boxes(table_.count / RenderCloud::kBlock + 1);
-  parallel_for(table_.count, RenderCloud::kBlock, [&](std::size_t begin, std::size_t end, int) {
-    decoder_.measure(read(begin, end), end - begin, boxes[begin / RenderCloud::kBlock]);
-  });
+  PerWorker<CoordinateSpread> spreads;
+  parallel_for(table_.count, RenderCloud::kBlock,
+               [&](std::size_t begin, std::size_t end, int worker) {
+                 const std::byte* const records = read(begin, end);
+                 decoder_.measure(records, end - begin, boxes[begin / RenderCloud::kBlock]);
+                 for (std::size_t i = begin; i < end; i += SurfelDecoder::kPiece) {
+                   decoder_.measure(records + (i - begin) * table_.stride,
+                                    std::min(SurfelDecoder::kPiece, end - i), spreads[worker]);
+                 }
+               });
   Bounds all;
   for (const Bounds& box : boxes) {
     all.min = all.min.cwiseMin(box.min);
     all.max = all.max.cwiseMax(box.max);
   }
-  return all;
+  CoordinateSpread spread;
+  spreads.for_each([&](const CoordinateSpread& part) { spread.add(part); });
+  return spread.core(all);
 }
 
 void RecordSource::fill(std::size_t begin, std::size_t end, RenderCloud& cloud,

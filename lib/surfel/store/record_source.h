@@ -35,6 +35,7 @@ class RecordSource : public SurfelSource {
   void expect(std::size_t begin, std::size_t end) const override;
 
  private:
+  /// The part of the box that the origin should suit.
   Bounds measure() const;
   const std::byte* read(std::size_t begin, std::size_t end) const;
   void decode(const std::byte* records, std::size_t count, RenderCloud& cloud,
