@@ -70,6 +70,7 @@ const std::vector<Section>& sections() {
         {"surfel-group ball.ply -o out --stats out", "--stats"},
         {"surfel-render --mesh ball.obj --image picture.png -o picture.png", "--image"},
         {"surfel-convert ball.ply -o q.stl", "q.stl"},
+        {"surfel-convert ball.ply -o q.copc.laz", "q.copc.laz"},
         {"surfel-render ball.ply -o picture", "picture"},
         {"surfel-generate sky -o sky.png", "sky.png"},
         {"surfel-render ball.ply --quiet -o nowhere/out.png", "nowhere/out.png"},
