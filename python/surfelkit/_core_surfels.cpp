@@ -318,6 +318,13 @@ void require_together(const SurfelCloud& cloud, const std::vector<const char*>& 
                       " missing; assign all or none");
 }
 
+/// Lines of a file, whatever its bytes are.
+py::list lines_of(const std::vector<std::string>& lines) {
+  py::list out;
+  for (const std::string& line : lines) out.append(text_of(line));
+  return out;
+}
+
 }  // namespace
 
 SurfelCloud& ready(HeldCloud& held) {
@@ -451,14 +458,14 @@ void bind_surfels(py::module_& module) {
       "What the colours are: 'recorded' light, which is shown as it is, the surface's own\n"
       "'reflectance', which is lit, or 'mixed'; None: nobody has said, taken for recorded.");
   bound.def_property(
-      "provenance", [](const HeldCloud& self) { return self.value.provenance; },
+      "provenance", [](const HeldCloud& self) { return lines_of(self.value.provenance); },
       [](HeldCloud& self, std::vector<std::string> lines) {
         require_unused(self);
         self.value.provenance = std::move(lines);
       },
       "Lines that tell how the cloud was made; a list of its own.");
   bound.def_property(
-      "comments", [](const HeldCloud& self) { return self.value.comments; },
+      "comments", [](const HeldCloud& self) { return lines_of(self.value.comments); },
       [](HeldCloud& self, std::vector<std::string> lines) {
         require_unused(self);
         self.value.comments = std::move(lines);

@@ -6,6 +6,7 @@
 
 #include <gtest/gtest.h>
 #include <support/test_data.h>
+#include <surfel/base/color.h>
 #include <surfel/base/error.h>
 #include <surfel/io/mesh_io.h>
 #include <surfel/scene/surfel_cloud.h>

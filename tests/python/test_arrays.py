@@ -201,6 +201,15 @@ def test_what_files_say_of_all_surfels(plane, tmp_path):
         surfelkit.write(tmp_path / "a.ply", plane, no_clobber=True)
 
 
+def test_comments_need_not_be_utf8(tmp_path):
+    file = tmp_path / "latin1.ply"
+    file.write_bytes(
+        b"ply\nformat ascii 1.0\ncomment Kr\xfcmel\nelement vertex 1\nproperty float x\n"
+        b"property float y\nproperty float z\nend_header\n1 2 3\n"
+    )
+    assert "Kr\udcfcmel" in surfelkit.read(file).comments
+
+
 def test_columns_that_come_together_are_asked_for(plane, tmp_path):
     plane.variance_u = np.ones(441)
     with pytest.raises(InputError, match="come together"):
