@@ -1,7 +1,11 @@
 #include <cmath>
+#include <cstdint>
 #include <cstring>
+#include <fstream>
 #include <limits>
+#include <string>
 
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 #include <surfel/base/error.h>
 #include <surfel/base/random.h>
@@ -34,6 +38,36 @@ const ExtraProperty* extra(const SurfelCloud& cloud, const std::string& name) {
     if (p.name == name) return &p;
   }
   return nullptr;
+}
+
+TEST(Estimate, AStrayPointChangesNoOther) {
+  // A survey's coordinates, and what scanners write for no return.
+  const TemporaryFolder folder;
+  std::ofstream clean(folder / "clean.xyz");
+  std::ofstream stray(folder / "stray.xyz");
+  constexpr std::size_t kStray = 700;
+  const SurfelCloud points = points_of("torus", 2000);
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const Vec3d p = Vec3d(500000, 5400000, 100) + 10 * points.world(i);
+    const std::string line = fmt::format("{:.4f} {:.4f} {:.4f}\n", p.x(), p.y(), p.z());
+    if (i == kStray) stray << "0 0 0\n";
+    clean << line;
+    stray << line;
+  }
+  clean.close();
+  stray.close();
+  const SurfelCloud alone = estimate_surfels(read_cloud(folder / "clean.xyz"), {});
+  SurfelCloud both = estimate_surfels(read_cloud(folder / "stray.xyz"), {});
+  Array<std::uint32_t> others;
+  for (std::uint32_t i = 0; i < both.size(); ++i) {
+    if (i != kStray) others.push_back(i);
+  }
+  both = both.gathered(others);
+  EXPECT_EQ(both.origin, alone.origin);
+  EXPECT_EQ(both.position, alone.position);
+  EXPECT_EQ(both.normal, alone.normal);
+  EXPECT_EQ(both.variance_u, alone.variance_u);
+  EXPECT_EQ(both.area, alone.area);
 }
 
 TEST(Estimate, KeepsOrderAndAttributesOfThePoints) {

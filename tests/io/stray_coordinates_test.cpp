@@ -46,8 +46,8 @@ void expect_points(const SurfelCloud& cloud, const std::vector<std::array<long, 
       worst = std::max(worst, std::abs(cloud.world(i)[axis] - truth));
     }
   }
-  // Half a float's last digit of the 210 units that the origin and the cube may be apart.
-  EXPECT_LT(worst, 8e-6) << what;
+  // Half a float's last digit of the 80 units that the origin and the cube may be apart.
+  EXPECT_LT(worst, 4e-6) << what;
 }
 
 TEST(StrayCoordinates, LeaveTheOthersTheirPrecision) {

@@ -87,8 +87,17 @@ Bounds CoordinateSpread::core(const Bounds& box) const {
     half.min[axis] = quarter(cells.begin()).min;
     half.max[axis] = quarter(cells.rbegin()).max;
   }
-  const Vec3d margin = Vec3d::Constant((half.max - half.min).maxCoeff());
-  const Bounds core{(half.min - margin).cwiseMax(box.min), (half.max + margin).cwiseMin(box.max)};
+  const double margin = (half.max - half.min).maxCoeff();
+  Bounds core;
+  for (int axis = 0; axis < 3; ++axis) {
+    const double least = half.min[axis] - margin;
+    const double most = half.max[axis] + margin;
+    for (const Cell& cell : axes_[static_cast<std::size_t>(axis)].cells) {
+      if (cell.max < least || cell.min > most) continue;
+      core.min[axis] = std::min(core.min[axis], std::max(cell.min, least));
+      core.max[axis] = std::max(core.max[axis], std::min(cell.max, most));
+    }
+  }
   return box.diagonal() > kStray * core.diagonal() ? core : box;
 }
 

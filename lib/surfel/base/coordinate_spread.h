@@ -23,9 +23,8 @@ class SURFEL_API CoordinateSpread {
   void add(const Vec3d& origin, std::span<const Vec3f> offsets);
 
   /// The part of the points' box that an origin should suit: the box itself, but where strays make
-  /// it more than kStray times as large as what holds the middle half of the coordinates of each
-  /// axis, with as much again on both sides. Float offsets from the middle of the part have at
-  /// least four bits more.
+  /// it more than kStray times as large as the box of the others. Stray is what lies, on one axis,
+  /// further from the middle half of the coordinates than that is long on the longest axis.
   Bounds core(const Bounds& box) const;
 
  private:
