@@ -29,7 +29,7 @@ class Files : public testing::Test {
     write_text(at("scene.toml"), "[environment]\nimage = \"sky.png\"\n");
     write_text(at("config.json"), "cutoff = 1\n");
     const std::string picture = at("sky.png");
-    run({tool("surfel-generate"), "checker", "--size", "8x8", "--image", picture});
+    run({tool("surfel-generate"), "checker", "--size", "16x8", "--image", picture});
     for (const char* more : {"skin.png", "map.png", "other.png", "view_0001.png"}) {
       fs::copy_file(picture, at(more));
     }
@@ -66,13 +66,12 @@ class Files : public testing::Test {
 
 TEST_F(Files, NamesInFilesLeadOutOfTheirFoldersOnlyWherePermitted) {
   fs::create_directory(at("in"));
-  run({tool("surfel-generate"), "checker", "--size", "16x8", "--image", at("wide.png")});
-  write_text(at("in/scene.toml"), "[environment]\nimage = \"../wide.png\"\n");
+  write_text(at("in/scene.toml"), "[environment]\nimage = \"../sky.png\"\n");
   const std::string command = "surfel-render cloud.ply --size 8 --scene in/scene.toml -o - ";
   const RunResult refused = run_here(command);
   EXPECT_EQ(refused.exit_code, 1);
   EXPECT_TRUE(contains(refused.errors,
-                       "in/scene.toml: names the file wide.png, which lies outside "
+                       "in/scene.toml: names the file sky.png, which lies outside "
                        "of this file's folder and is read only with "
                        "--allow-outside"))
       << refused.errors;

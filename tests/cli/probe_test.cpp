@@ -200,7 +200,7 @@ TEST_F(Probe, ProvenanceHoldsWhatCanChangeTheResult) {
             0);
   EXPECT_EQ(read_text(output_), "surfel-probe 0.1.0 in.ply --spacing 0.5 --flat --eye 1,2,3\n");
   ASSERT_EQ(probe({"two\nlines and blanks", "-o", output_}).exit_code, 0);
-  EXPECT_EQ(read_text(output_), "surfel-probe 0.1.0 'two lines and blanks'\n");
+  EXPECT_EQ(read_text(output_), "surfel-probe 0.1.0 $'two\\012lines and blanks'\n");
   ASSERT_EQ(probe({"-o", output_, "--", "-it's"}).exit_code, 0);
   EXPECT_EQ(read_text(output_), "surfel-probe 0.1.0 './-it'\\''s'\n");
 }
