@@ -16,8 +16,9 @@ namespace surfel {
 /// memory for them.
 class SURFEL_API InputFile {
  public:
-  /// `path` "-" is standard input. Throws Error(kIo) naming the file and the cause, as all members
-  /// do, also where the file became shorter after it was opened.
+  /// Throws Error(kIo) naming the file and the cause, as all members do, also where the file became
+  /// shorter after it was opened.
+  /// \param path          "-": standard input.
   /// \param regular_only  All but regular files are an error, which waits for nothing; "-" is a
   ///                      file of this name.
   explicit InputFile(const std::string& path, bool regular_only = false);

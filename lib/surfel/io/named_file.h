@@ -29,12 +29,15 @@ SURFEL_API std::string named_path(const std::string& naming, std::string_view na
 
 /// What keeps open_named() from opening a path, as the end of a sentence about it ("is not there");
 /// empty if nothing does. Nothing outside of the folder is looked at unless outside_allowed().
+/// \param naming  Path of the file that holds the name.
+/// \param path    From named_path().
 SURFEL_API std::string named_problem(const std::string& naming, const std::string& path);
 
-/// Opens a file that the file `naming` names: a regular file in the folder of `naming` or below it,
-/// where symbolic links count as what they lead to, or, if outside_allowed(), anywhere. Throws
+/// Opens a file that another file names: a regular file in the other's folder or below it, where
+/// symbolic links count as what they lead to, or, if outside_allowed(), anywhere. Throws
 /// Error(kInput) that names both, and says what to do.
-/// \param path  From named_path().
+/// \param naming  Path of the file that holds the name.
+/// \param path    From named_path().
 SURFEL_API InputFile open_named(const std::string& naming, const std::string& path);
 
 }  // namespace surfel

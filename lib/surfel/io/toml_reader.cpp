@@ -21,7 +21,7 @@ std::size_t skipped_length(std::string_view text) {
   const char quote = text.front();
   if (quote == '#') return std::min(text.find('\n'), text.size());
   if (quote != '"' && quote != '\'') return 0;
-  const std::string_view three = quote == '"' ? R"(""")" : "'''";
+  const std::string_view three = quote == '"' ? "\"\"\"" : "'''";
   const std::string_view end = text.starts_with(three) ? three : three.substr(0, 1);
   for (std::size_t i = end.size(); i < text.size(); ++i) {
     if (text.substr(i).starts_with(end)) {
