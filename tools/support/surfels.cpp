@@ -76,6 +76,10 @@ void tell_not_finite(const Tool& tool, const std::string& path, const NotFinite&
 }
 
 void RoundedPositions::add(const SurfelCloud& cloud) {
+  const auto half_step = [&](std::size_t i) {
+    const Vec3f& p = cloud.position[i];
+    return p.allFinite() ? 0x1p-24 * static_cast<double>(p.cwiseAbs().maxCoeff()) : 0;
+  };
   // Half of the last digit or step that tells coordinates apart; where there is none, what is
   // little for most of the points.
   double most = std::numeric_limits<double>::infinity();
@@ -86,17 +90,19 @@ void RoundedPositions::add(const SurfelCloud& cloud) {
   } else if (cloud.double_positions) {
     CoordinateSpread spread;
     spread.add(cloud.origin, cloud.position);
-    const Bounds box = cloud.bounds();
-    const Bounds core = spread.core(box);
-    if (core.diagonal() < box.diagonal()) most = std::ldexp(core.diagonal(), -20);
+    const Bounds core = spread.core(spread.box());
+    if (core.diagonal() < spread.box().diagonal()) most = std::ldexp(core.diagonal(), -20);
   }
-  for (std::size_t i = 0; i < cloud.size(); ++i) {
-    const double reach = static_cast<double>(cloud.position[i].cwiseAbs().maxCoeff());
-    const double half_step = std::ldexp(reach, -24);
-    if (!std::isfinite(reach) || half_step <= most) continue;
-    if (count++ == 0) example = cloud.world(i);
-    rounding = std::max(rounding, half_step);
+  if (std::isinf(most)) return;
+  const std::size_t found =
+      count_where(cloud.size(), [&](std::size_t i) { return half_step(i) > most; });
+  for (std::size_t i = 0, left = found; left > 0; ++i) {
+    if (half_step(i) <= most) continue;
+    if (count == 0 && left == found) example = cloud.world(i);
+    rounding = std::max(rounding, half_step(i));
+    --left;
   }
+  count += found;
 }
 
 void tell_rounded(const Tool& tool, const std::string& path, const RoundedPositions& found) {

@@ -18,13 +18,14 @@ std::uint16_t key_of(double coordinate) {
 }  // namespace
 
 void CoordinateSpread::Axis::add(const Cell& part) {
-  std::uint32_t& at = place[part.key];
-  if (at == 0) {
-    cells.push_back(part);
-    at = static_cast<std::uint32_t>(cells.size());
-    return;
+  std::uint16_t& slot = slots[part.key % kSlots];
+  if (slot >= cells.size() || cells[slot].key != part.key) {
+    const auto found = std::find_if(cells.begin(), cells.end(),
+                                    [&](const Cell& cell) { return cell.key == part.key; });
+    slot = static_cast<std::uint16_t>(found - cells.begin());
+    if (found == cells.end()) cells.push_back({part.key, 0, part.min, part.max});
   }
-  Cell& cell = cells[at - 1];
+  Cell& cell = cells[slot];
   cell.count += part.count;
   cell.min = std::min(cell.min, part.min);
   cell.max = std::max(cell.max, part.max);
@@ -66,6 +67,17 @@ void CoordinateSpread::add(const Vec3d& origin, std::span<const Vec3f> offsets) 
     }
   });
   parts.for_each([this](const CoordinateSpread& part) { add(part); });
+}
+
+Bounds CoordinateSpread::box() const {
+  Bounds box;
+  for (int axis = 0; axis < 3; ++axis) {
+    for (const Cell& cell : axes_[static_cast<std::size_t>(axis)].cells) {
+      box.min[axis] = std::min(box.min[axis], cell.min);
+      box.max[axis] = std::max(box.max[axis], cell.max);
+    }
+  }
+  return box;
 }
 
 Bounds CoordinateSpread::core(const Bounds& box) const {

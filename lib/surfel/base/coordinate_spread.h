@@ -22,14 +22,17 @@ class SURFEL_API CoordinateSpread {
   /// Adds the points origin + offsets[i].
   void add(const Vec3d& origin, std::span<const Vec3f> offsets);
 
+  /// Bounds of the coordinates; empty where an axis has none.
+  Bounds box() const;
   /// The part of the points' box that an origin should suit: the box itself, but where strays make
   /// it more than kStray times as large as the box of the others. Stray is what lies, on one axis,
   /// further from the middle half of the coordinates than that is long on the longest axis.
+  /// \param box  Of the points, as a file tells it or as box() does.
   Bounds core(const Bounds& box) const;
 
  private:
   static constexpr double kStray = 16;
-  static constexpr std::size_t kKeys = 1 << 16;
+  static constexpr std::size_t kSlots = 256;
   /// Coordinates whose doubles begin with the same 16 bits.
   struct Cell {
     std::uint16_t key = 0;  ///< Grows with the coordinates.
@@ -40,8 +43,8 @@ class SURFEL_API CoordinateSpread {
   /// The occupied cells of an axis.
   struct Axis {
     std::vector<Cell> cells;  ///< In the order in which they were met.
-    /// For each key the cell's place in `cells` and 1; 0: not met.
-    std::vector<std::uint32_t> place = std::vector<std::uint32_t>(kKeys);
+    /// Where the cell is that was last met of those whose keys have the same remainder.
+    std::array<std::uint16_t, kSlots> slots{};
 
     void add(const Cell& part);
   };

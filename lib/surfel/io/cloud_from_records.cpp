@@ -55,12 +55,13 @@ class Reader {
  private:
   /// Of each piece of the table.
   struct Measures {
-    std::vector<Bounds> boxes;
+    std::vector<Bounds> boxes;  ///< Where coordinates are floats.
     std::vector<int> decimals;  ///< Empty where they are not counted.
     /// Unset where coordinates are floats, which are exact about an origin for the whole box.
     std::optional<CoordinateSpread> spread;
 
     Bounds box() const {
+      if (spread) return spread->box();
       Bounds all;
       for (const Bounds& part : boxes) {
         all.min = all.min.cwiseMin(part.min);
@@ -190,13 +191,17 @@ void Reader::pass(std::span<const Column> columns, Measures* measures) {
   std::optional<ProgressStage> stage;
   if (measures) stage.emplace("reading " + file_, table_.count, "points");
   PerWorker<CoordinateSpread> spreads;
+  const bool doubles = decoder_.double_positions();
   table_.for_pieces(kReadBlock, [&](std::size_t piece, std::size_t begin, std::size_t end,
                                     const std::byte* records, int worker) {
     for (std::size_t i = begin; i < end; i += SurfelDecoder::kPiece) {
       const std::size_t count = std::min(SurfelDecoder::kPiece, end - i);
       if (measures) {
-        decoder_.measure(records, count, measures->boxes[piece]);
-        if (decoder_.double_positions()) decoder_.measure(records, count, spreads[worker]);
+        if (doubles) {
+          decoder_.measure(records, count, spreads[worker]);
+        } else {
+          decoder_.measure(records, count, measures->boxes[piece]);
+        }
         if (!measures->decimals.empty()) {
           decoder_.count_decimals(records, count, measures->decimals[piece]);
         }

@@ -55,25 +55,19 @@ void RecordSource::expect(std::size_t begin, std::size_t end) const {
 }
 
 Bounds RecordSource::measure() const {
-  std::vector<Bounds> boxes(table_.count / RenderCloud::kBlock + 1);
-  PerWorker<CoordinateSpread> spreads;
+  PerWorker<CoordinateSpread> parts;
   parallel_for(table_.count, RenderCloud::kBlock,
                [&](std::size_t begin, std::size_t end, int worker) {
-                 const std::byte* const records = read(begin, end);
-                 decoder_.measure(records, end - begin, boxes[begin / RenderCloud::kBlock]);
+                 const std::byte* records = read(begin, end);
                  for (std::size_t i = begin; i < end; i += SurfelDecoder::kPiece) {
-                   decoder_.measure(records + (i - begin) * table_.stride,
-                                    std::min(SurfelDecoder::kPiece, end - i), spreads[worker]);
+                   const std::size_t count = std::min(SurfelDecoder::kPiece, end - i);
+                   decoder_.measure(records, count, parts[worker]);
+                   records += count * table_.stride;
                  }
                });
-  Bounds all;
-  for (const Bounds& box : boxes) {
-    all.min = all.min.cwiseMin(box.min);
-    all.max = all.max.cwiseMax(box.max);
-  }
   CoordinateSpread spread;
-  spreads.for_each([&](const CoordinateSpread& part) { spread.add(part); });
-  return spread.core(all);
+  parts.for_each([&](const CoordinateSpread& part) { spread.add(part); });
+  return spread.core(spread.box());
 }
 
 void RecordSource::fill(std::size_t begin, std::size_t end, RenderCloud& cloud,
