@@ -648,12 +648,13 @@ TEST(Image, PicturesLargerThanTheirFileCanHoldAreRefused) {
         {"a.webp", webp},
         {"a.hdr", "#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 40000 +X 30000\n"},
         {"a.ppm", "P6\n30000 30000\n255\nabc"}}) {
-    std::ofstream(folder / name, std::ios::binary) << bytes;
-    const std::string message = message_of([&] { read_image(folder / name); });
+    const std::string path = folder / name;
+    std::ofstream(path, std::ios::binary) << bytes;
+    const std::string message = message_of([&] { read_image(path); });
     EXPECT_NE(message.find("are more than " + std::to_string(bytes.size()) + " bytes can hold"),
               std::string::npos)
         << name << message;
-    EXPECT_EQ(message_of([&] { open_image(folder / name); }), message);
+    EXPECT_EQ(message_of([&] { open_image(path); }), message);
   }
   // The most that deflate can do, of one colour.
   constexpr std::uint32_t kSide = 8000;
