@@ -181,7 +181,7 @@ void check_content(const InputFile& file) {
   constexpr bool kBigEndian = std::endian::native == std::endian::big;
   const std::string_view head = as_text(file.head(kHead));
   const auto* const bytes = reinterpret_cast<const std::byte*>(head.data());
-  if (head.starts_with("\xff\xd8")) check_jpeg(file);
+  if (head.starts_with("\xff\xd8")) return check_jpeg(file);
   if (head.starts_with("GIF8") && head.size() >= 10) {
     check_claim({load_scalar<std::uint16_t, kBigEndian>(bytes + 6),
                  load_scalar<std::uint16_t, kBigEndian>(bytes + 8)},
