@@ -18,14 +18,17 @@ std::uint16_t key_of(double coordinate) {
 }  // namespace
 
 void CoordinateSpread::Axis::add(const Cell& part) {
-  std::uint16_t& slot = slots[part.key % kSlots];
-  if (slot >= cells.size() || cells[slot].key != part.key) {
-    const auto found = std::find_if(cells.begin(), cells.end(),
-                                    [&](const Cell& cell) { return cell.key == part.key; });
-    slot = static_cast<std::uint16_t>(found - cells.begin());
-    if (found == cells.end()) cells.push_back({part.key, 0, part.min, part.max});
+  std::uint16_t& on = page[part.key >> 8];
+  if (on == 0) {
+    pages.push_back({});
+    on = static_cast<std::uint16_t>(pages.size());
   }
-  Cell& cell = cells[slot];
+  std::uint16_t& at = pages[on - 1U][part.key & 0xff];
+  if (at == 0) {
+    cells.push_back({part.key, 0, part.min, part.max});
+    at = static_cast<std::uint16_t>(cells.size());
+  }
+  Cell& cell = cells[at - 1U];
   cell.count += part.count;
   cell.min = std::min(cell.min, part.min);
   cell.max = std::max(cell.max, part.max);

@@ -32,7 +32,6 @@ class SURFEL_API CoordinateSpread {
 
  private:
   static constexpr double kStray = 16;
-  static constexpr std::size_t kSlots = 256;
   /// Coordinates whose doubles begin with the same 16 bits.
   struct Cell {
     std::uint16_t key = 0;  ///< Grows with the coordinates.
@@ -43,8 +42,10 @@ class SURFEL_API CoordinateSpread {
   /// The occupied cells of an axis.
   struct Axis {
     std::vector<Cell> cells;  ///< In the order in which they were met.
-    /// Where the cell is that was last met of those whose keys have the same remainder.
-    std::array<std::uint16_t, kSlots> slots{};
+    /// For each high byte of keys its place in `pages` and 1; 0: no such key was met.
+    std::array<std::uint16_t, 256> page{};
+    /// For each low byte of keys the cell's place in `cells` and 1; 0: not met.
+    std::vector<std::array<std::uint16_t, 256>> pages;
 
     void add(const Cell& part);
   };
