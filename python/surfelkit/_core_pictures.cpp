@@ -63,7 +63,7 @@ ViewCamera camera_of(const std::array<int, 2>& size, const py::object& intrinsic
   if (!(rotation * rotation.transpose()).isIdentity(kTolerance) || rotation.determinant() < 0) {
     throw_usage("`matrix` must take the world to the camera by a rotation and a translation");
   }
-  // What a camera has no place for is refused, but for rounding.
+  // A camera has no place for skew or another last row: both are refused, but for rounding.
   constexpr double kRounding = 1e-9;
   if (!((m.row(3) - Eigen::RowVector4d(0, 0, 0, 1)).array().abs() <= kRounding).all()) {
     throw_usage("the last row of `matrix` must be 0, 0, 0, 1");

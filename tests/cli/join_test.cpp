@@ -177,7 +177,7 @@ TEST_F(Join, PicturesBecomeAFilm) {
   ASSERT_EQ(whole.exit_code, 0) << whole.errors;
   EXPECT_TRUE(read_text(folder_ / "turn.mp4") == read_text(folder_ / "whole.mp4"));
 
-  // The pictures of a film whose process was killed are removed, those of one that is made are not.
+  // Pictures that a killed process left are removed; pictures of a film in the making stay.
   for (const char* name : {".killed.mp4.frames-abcdef", ".made.mp4.frames-abcdef"}) {
     fs::create_directory(folder_ / name);
     write_text(folder_ / (name + std::string("/000000.png")), "a picture");

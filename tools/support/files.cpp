@@ -56,7 +56,7 @@ Formats formats_of(Writes what) {
   return {};
 }
 
-/// A file's device and number, those of a standard stream where its name is "-".
+/// Finds the device and the number of a file; "-" is the standard stream.
 bool find_status(const std::string& path, int stream, struct stat& status) {
   return (path == "-" ? fstat(stream, &status) : stat(path.c_str(), &status)) == 0;
 }

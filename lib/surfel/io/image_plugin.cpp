@@ -113,7 +113,8 @@ bool read_rows(OIIO::ImageInput& input, int y_begin, int y_end, int c_begin, int
     return input.read_scanlines(0, 0, spec.y + y_begin, spec.y + y_end, spec.z, c_begin, c_end,
                                 kType, to);
   }
-  // Of strips that OpenImageIO inflates itself it tells no errors; libtiff inflates single rows.
+  // OpenImageIO hides errors of whole strips, which it inflates itself. Where single rows are asked
+  // for, libtiff inflates them and tells.
   const auto stride = static_cast<std::size_t>(spec.nchannels);
   const auto wanted = static_cast<std::size_t>(c_end - c_begin);
   Array<T> row(static_cast<std::size_t>(spec.width) * stride);

@@ -25,7 +25,7 @@ std::size_t skipped_length(std::string_view text) {
   const std::string_view end = text.starts_with(three) ? three : three.substr(0, 1);
   for (std::size_t i = end.size(); i < text.size(); ++i) {
     if (text.substr(i).starts_with(end)) {
-      // Of up to five quotes the last three end the string.
+      // A string may end with one or two quotes of its own before the three that close it.
       i += end.size();
       for (int more = 0; end.size() == 3 && more < 2 && text.substr(i, 1) == end.substr(2); ++more)
         ++i;

@@ -142,8 +142,8 @@ nlohmann::json page_facts(const std::vector<const ViewCloud*>& clouds,
 
 using PageValues = std::array<std::pair<std::string_view, std::string>, 6>;
 
-/// A template with the values of its names. Values are not searched for names: they hold the names
-/// of files, which may look like those of the template.
+/// A template whose placeholders are replaced by their values. Values are not searched for
+/// placeholders: a file's name in a value may look like one.
 std::string filled(std::string_view text, const PageValues& values) {
   std::string out;
   while (!text.empty()) {
