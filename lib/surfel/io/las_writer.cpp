@@ -54,8 +54,8 @@ class FieldBytes {
   std::string bytes_;
 };
 
-constexpr std::uint64_t kFewValues =
-    10;                               ///< So many change no factor, however few others there are.
+/// So many values that a field does not hold change no factor, however few others there are.
+constexpr std::uint64_t kFewValues = 10;
 constexpr double kAngleStep = 0.006;  ///< Degrees of a step of `scan_angle`.
 
 /// A column of the cloud that goes into a field of the points: (value - offset) * factor, rounded
