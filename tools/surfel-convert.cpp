@@ -399,21 +399,18 @@ class JoinedFiles {
   void survey(surfel::tool::Tool& tool, const Visit& visit) {
     const Settings& s = settings_;
     std::vector<surfel::tool::NotFinite> not_finite(readers_.size());
-    std::vector<surfel::tool::RoundedPositions> rounded(readers_.size());
     std::vector<std::uint64_t> counts(readers_.size());
     const surfel::JoinReport joined =
         for_each([&](std::size_t k, const surfel::SurfelCloud& piece, const auto& changed) {
           if (counts[k] == 0) surfel::tool::tell_skipped(tool, s.inputs[k], piece);
           counts[k] += piece.size();
           not_finite[k].add(piece);
-          rounded[k].add(piece);
           // How many bits the colours of a LAS file have is known once it was read.
           heads_[k] = surfel::CloudJoiner::head(piece);
           visit(changed());
         });
     for (std::size_t k = 0; k < readers_.size(); ++k) {
       surfel::tool::tell_not_finite(tool, s.inputs[k], not_finite[k]);
-      surfel::tool::tell_rounded(tool, s.inputs[k], rounded[k]);
       tool.report()["inputs"].push_back({{"file", s.inputs[k]}, {"surfels", counts[k]}});
     }
     tell(tool, s, joined);
@@ -474,9 +471,6 @@ surfel::SurfelCloud joined_in_memory(surfel::tool::Tool& tool, const Settings& s
     surfel::tool::NotFinite not_finite;
     not_finite.add(clouds.back());
     surfel::tool::tell_not_finite(tool, input, not_finite);
-    surfel::tool::RoundedPositions rounded;
-    rounded.add(clouds.back());
-    surfel::tool::tell_rounded(tool, input, rounded);
     report["inputs"].push_back({{"file", input}, {"surfels", clouds.back().size()}});
   }
   report["load_ms"] = timer.milliseconds();

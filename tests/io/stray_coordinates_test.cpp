@@ -46,7 +46,8 @@ void expect_points(const SurfelCloud& cloud, const std::vector<std::array<long, 
       worst = std::max(worst, std::abs(cloud.world(i)[axis] - truth));
     }
   }
-  // Half a float's last digit of the 80 units that the origin and the cube may be apart.
+  // Half a float's last digit of the 80 units that the origin and the cube may be apart; strays lie
+  // further away, and are exact.
   EXPECT_LT(worst, 4e-6) << what;
 }
 
@@ -86,6 +87,87 @@ TEST(StrayCoordinates, LeaveTheOthersTheirPrecision) {
           EXPECT_EQ(a, b) << what;
         }
       }
+    }
+  }
+}
+
+/// Random doubles about a place, without decimals.
+std::vector<Vec3d> doubles_at(double place, double extent) {
+  std::mt19937_64 engine(2);
+  std::uniform_real_distribution<double> within(place, place + extent);
+  std::vector<Vec3d> points(kPoints);
+  for (Vec3d& p : points) p = Vec3d(within(engine), 2 * within(engine), -within(engine));
+  return points;
+}
+
+TEST(StrayCoordinates, DoublesAndTextPassThroughToTheLastBit) {
+  const TemporaryFolder folder;
+  for (const double place : {0.0, 1.0, 1e3, 1e5, 1e7}) {
+    for (const bool stray : {false, true}) {
+      std::vector<Vec3d> points = doubles_at(place, 3);
+      if (stray) points[7] = Vec3d::Zero();
+      std::string text;
+      for (const Vec3d& p : points) text += fmt::format("{} {} {}\n", p.x(), p.y(), p.z());
+      std::ofstream(folder / "a.xyz") << text;
+      SurfelCloud passed = read_cloud(folder / "a.xyz");
+      for (const char* name : {"b.ply", "c.pcd", "d.csv", "e.ply", "f.xyz"}) {
+        write_cloud(passed, folder / name);
+        passed = read_cloud(folder / name);
+      }
+      std::ifstream written(folder / "f.xyz");
+      for (const Vec3d& p : points) {
+        std::array<std::string, 3> words;
+        std::string line;
+        std::getline(written, line);
+        std::istringstream(line) >> words[0] >> words[1] >> words[2];
+        for (int axis = 0; axis < 3; ++axis) {
+          EXPECT_EQ(words[static_cast<std::size_t>(axis)], fmt::format("{}", p[axis]))
+              << place << (stray ? ", stray" : "");
+        }
+      }
+    }
+  }
+}
+
+TEST(StrayCoordinates, FloatsInTextStayFloats) {
+  const TemporaryFolder folder;
+  std::ofstream(folder / "a.xyz") << "0.12345678 1.00000012 3.14159274\n0.100000001 2 1e-9\n";
+  write_cloud(read_cloud(folder / "a.xyz"), folder / "b.ply");
+  std::ifstream written(folder / "b.ply");
+  std::stringstream all;
+  all << written.rdbuf();
+  EXPECT_NE(all.str().find("property float x"), std::string::npos);
+  EXPECT_EQ(all.str().find("property double"), std::string::npos);
+}
+
+TEST(StrayCoordinates, LasKeepsItsIntegersOverAnyExtent) {
+  const TemporaryFolder folder;
+  std::mt19937 engine(3);
+  // Integers of 32 bits in millimetres, over 100 km.
+  std::vector<std::array<long, 3>> steps(kPoints);
+  std::string text;
+  for (auto& p : steps) {
+    p = {static_cast<long>(engine() % 100000000), static_cast<long>(engine() % 90000000),
+         static_cast<long>(engine() % 1000000)};
+    text += line_of(p);
+  }
+  std::ofstream(folder / "a.xyz") << text;
+  write_cloud(read_cloud(folder / "a.xyz"), folder / "b.las");
+  write_cloud(read_cloud(folder / "b.las"), folder / "c.laz");
+  const SurfelCloud laz = read_cloud(folder / "c.laz");
+  EXPECT_EQ(laz.las->scale, Vec3d::Constant(1e-3));
+  write_cloud(laz, folder / "d.csv");
+  std::ifstream written(folder / "d.csv");
+  std::string line;
+  std::getline(written, line);
+  for (const auto& p : steps) {
+    std::getline(written, line);
+    std::replace(line.begin(), line.end(), ',', ' ');
+    std::istringstream found(line);
+    for (const long step : p) {
+      double x = 0;
+      found >> x;
+      EXPECT_EQ(x, static_cast<double>(step) / 1000);
     }
   }
 }

@@ -9,8 +9,6 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <surfel/base/bounds.h>
-#include <surfel/base/coordinate_spread.h>
-#include <surfel/base/elementary.h>
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
 #include <surfel/io/cloud_io.h>
@@ -73,46 +71,6 @@ void tell_not_finite(const Tool& tool, const std::string& path, const NotFinite&
   if (counts.empty()) return;
   tool.note(fmt::format("{}: {} of {} surfels are not finite: kept as they are", shown_name(path),
                         counts, found.surfels));
-}
-
-void RoundedPositions::add(const SurfelCloud& cloud) {
-  const auto half_step = [&](std::size_t i) {
-    const Vec3f& p = cloud.position[i];
-    return p.allFinite() ? 0x1p-24 * static_cast<double>(p.cwiseAbs().maxCoeff()) : 0;
-  };
-  // Half of the last digit or step that tells coordinates apart; where there is none, what is
-  // little for most of the points.
-  double most = std::numeric_limits<double>::infinity();
-  if (cloud.las) {
-    most = cloud.las->scale.minCoeff() / 2;
-  } else if (cloud.decimals) {
-    most = portable::pow(10.0, -*cloud.decimals) / 2;
-  } else if (cloud.double_positions) {
-    CoordinateSpread spread;
-    spread.add(cloud.origin, cloud.position);
-    const Bounds core = spread.core(spread.box());
-    if (core.diagonal() < spread.box().diagonal()) most = std::ldexp(core.diagonal(), -20);
-  }
-  if (std::isinf(most)) return;
-  const std::size_t found =
-      count_where(cloud.size(), [&](std::size_t i) { return half_step(i) > most; });
-  for (std::size_t i = 0, left = found; left > 0; ++i) {
-    if (half_step(i) <= most) continue;
-    if (count == 0 && left == found) example = cloud.world(i);
-    rounding = std::max(rounding, half_step(i));
-    --left;
-  }
-  count += found;
-}
-
-void tell_rounded(const Tool& tool, const std::string& path, const RoundedPositions& found) {
-  if (found.count == 0) return;
-  const Vec3d& p = found.example;
-  tool.note(fmt::format(
-      "{}: {} points lie so far from most of the others, the first at {:.10g} {:.10g} {:.10g}, "
-      "that their coordinates may be rounded, by up to {:.2g}; --bounds or --remove-outliers "
-      "leaves them out",
-      shown_name(path), found.count, p.x(), p.y(), p.z(), found.rounding));
 }
 
 CloudReadOptions PartSettings::options() const {

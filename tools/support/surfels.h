@@ -36,17 +36,6 @@ struct NotFinite {
 /// Tells how many values of an input that is kept as it is are not finite.
 void tell_not_finite(const Tool& tool, const std::string& path, const NotFinite& found);
 
-/// Points whose coordinates single precision does not hold to the digit that the file has, since
-/// they lie far from most of the others.
-struct RoundedPositions {
-  std::size_t count = 0;
-  double rounding = 0;  ///< The largest possible, scene units.
-  Vec3d example{0, 0, 0};
-
-  void add(const SurfelCloud& cloud);
-};
-void tell_rounded(const Tool& tool, const std::string& path, const RoundedPositions& found);
-
 /// Which part of a file to read.
 struct PartSettings {
   std::vector<std::string> columns;

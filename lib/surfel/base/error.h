@@ -20,7 +20,8 @@ enum class ErrorKind {
 /// file's name where there is one: "scan.ply: 3 normals are NaN (first: vertex 417); ...".
 class SURFEL_API Error : public std::runtime_error {
  public:
-  Error(ErrorKind kind, const std::string& message) : std::runtime_error(message), kind_(kind) {}
+  /// NUL bytes of the message, which would end what(), become "\\0".
+  Error(ErrorKind kind, const std::string& message);
   ErrorKind kind() const noexcept { return kind_; }
 
  private:

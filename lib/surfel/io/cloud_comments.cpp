@@ -150,9 +150,11 @@ void read_comments(const std::vector<std::string>& comments, const std::string& 
   }
 }
 
-bool tells_las_steps(const std::vector<std::string>& comments) {
-  return std::any_of(comments.begin(), comments.end(),
-                     [](const std::string& comment) { return comment.starts_with(kLasComment); });
+double finest_las_step(const std::vector<std::string>& comments, const std::string& file) {
+  const auto told = std::find_if(comments.begin(), comments.end(), [](const std::string& comment) {
+    return comment.starts_with(kLasComment);
+  });
+  return told == comments.end() ? 0 : parse_las_comment(*told, file).scale.cwiseAbs().minCoeff();
 }
 
 }  // namespace surfel

@@ -14,8 +14,9 @@ namespace surfel {
 void read_comments(const std::vector<std::string>& comments, const std::string& file,
                    SurfelCloud& cloud);
 
-/// Does one of a header's comments tell the steps of the LAS file that the points come from?
-bool tells_las_steps(const std::vector<std::string>& comments);
+/// The finest step of the LAS file that the points come from, if one of a header's comments tells
+/// it, else 0. `file` is its name, for messages.
+double finest_las_step(const std::vector<std::string>& comments, const std::string& file);
 
 /// The reverse of read_comments(), for LAS files, which have fields for SurfelCloud::las.
 /// \param pcd  PCD has a header line of its own for the viewpoint, which means unknown where it is

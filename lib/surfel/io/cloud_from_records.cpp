@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <atomic>
 #include <cstring>
 #include <functional>
 #include <optional>
@@ -50,7 +51,7 @@ class Reader {
   SurfelCloud read(bool double_positions, const PointPlace& place);
   Array<Vec3f> positions(const PointPlace& place);
   /// Measures the points without keeping them.
-  PointPlace measure();
+  PointPlace measure(bool double_positions);
 
  private:
   /// Of each piece of the table.
@@ -83,8 +84,11 @@ class Reader {
   template <int kSize>
   void add_vector(SurfelAttribute attribute, Array<Eigen::Matrix<float, kSize, 1>>& to);
   void add_columns();
-  bool counts_decimals() const { return !table_.stepped && decoder_.double_positions(); }
-  PointPlace place_of(const Measures& measures) const;
+  void add_remainders();
+  bool counts_decimals() const { return table_.step == 0 && decoder_.double_positions(); }
+  PointPlace place_of(const Measures& measures, bool double_positions) const;
+  bool are_floats(bool double_positions) const;
+  bool leaves_remainders(const PointPlace& place, bool double_positions) const;
   void pass(std::span<const Column> columns, Measures* measures);
   SurfelCloud finished(bool double_positions, const PointPlace& place);
 
@@ -163,20 +167,47 @@ void Reader::add_columns() {
   }
 }
 
-PointPlace Reader::place_of(const Measures& measures) const {
+void Reader::add_remainders() {
+  allocate(cloud_.remainder, table_.count);
+  columns_.emplace_back([this](const std::byte* records, std::size_t begin, std::size_t count) {
+    decoder_.decode_remainders(records, count, cloud_.remainder.data() + begin);
+  });
+}
+
+/// Are all coordinates floats, whatever type has them?
+bool Reader::are_floats(bool double_positions) const {
+  std::atomic<bool> all = true;
+  table_.for_pieces(kReadBlock, [&](std::size_t, std::size_t begin, std::size_t end,
+                                    const std::byte* records, int) {
+    if (all && !decoder_.are_floats(records, end - begin, !double_positions)) all = false;
+  });
+  return all;
+}
+
+/// Are there coordinates that offsets from the origin do not tell to the last bit?
+bool Reader::leaves_remainders(const PointPlace& place, bool double_positions) const {
+  if (!decoder_.double_positions() || place.bounds.empty()) return false;
+  const double step = place.decimals ? 1 / power_of_ten(*place.decimals) : table_.step;
+  if (step > 0) return !tells_apart(place.bounds, place.origin, step);
+  return !are_floats(double_positions);
+}
+
+PointPlace Reader::place_of(const Measures& measures, bool double_positions) const {
   const Bounds box = measures.box();
   require_float_extent(box, file_);
   const Bounds core = measures.core();
   if (core.diagonal() == box.diagonal() && table_.said_bounds && !counts_decimals() &&
       about_the_same(*table_.said_bounds, box)) {
-    return {box, origin_for(*table_.said_bounds, table_.stepped), {}};
+    PointPlace place{box, origin_for(*table_.said_bounds, table_.step > 0), {}};
+    place.remainders = leaves_remainders(place, double_positions);
+    return place;
   }
   const std::vector<int>& decimals = measures.decimals;
-  PointPlace place =
-      decimals.empty()
-          ? place_points(core, table_.stepped, {})
-          : place_points(core, table_.stepped, *std::max_element(decimals.begin(), decimals.end()));
+  std::optional<int> most;
+  if (!decimals.empty()) most = *std::max_element(decimals.begin(), decimals.end());
+  PointPlace place = place_points(core, table_.step > 0, most);
   place.bounds = box;
+  place.remainders = leaves_remainders(place, double_positions);
   return place;
 }
 
@@ -231,19 +262,24 @@ SurfelCloud Reader::finished(bool double_positions, const PointPlace& place) {
 SurfelCloud Reader::read(bool double_positions) {
   add_columns();
   PointPlace place;
-  if (table_.said_bounds) place.origin = origin_for(*table_.said_bounds, table_.stepped);
+  if (table_.said_bounds) place.origin = origin_for(*table_.said_bounds, table_.step > 0);
   decoder_.set_origin(place.origin);
   Measures measures;
   pass(columns_, &measures);
   const Vec3d assumed = place.origin;
-  place = place_of(measures);
+  place = place_of(measures, double_positions);
   decoder_.set_origin(place.origin);
   if (place.origin != assumed) pass(std::span(columns_).first(1), nullptr);
+  if (place.remainders) {
+    add_remainders();
+    pass(std::span(columns_).last(1), nullptr);
+  }
   return finished(double_positions, place);
 }
 
 SurfelCloud Reader::read(bool double_positions, const PointPlace& place) {
   add_columns();
+  if (place.remainders) add_remainders();
   decoder_.set_origin(place.origin);
   pass(columns_, nullptr);
   return finished(double_positions, place);
@@ -256,10 +292,10 @@ Array<Vec3f> Reader::positions(const PointPlace& place) {
   return std::move(cloud_.position);
 }
 
-PointPlace Reader::measure() {
+PointPlace Reader::measure(bool double_positions) {
   Measures measures;
   pass({}, &measures);
-  return place_of(measures);
+  return place_of(measures, double_positions);
 }
 
 }  // namespace
@@ -268,13 +304,8 @@ PointPlace place_points(const Bounds& bounds, bool stepped, const std::optional<
   PointPlace place{bounds, origin_for(bounds, stepped), {}};
   if (!decimals || *decimals >= kManyDecimals) return place;
   // An origin from which offsets tell coordinates of so many decimals apart, if there is one.
-  const auto tells_apart = [&](const Vec3d& origin) {
-    const double reach =
-        std::max((bounds.max - origin).maxCoeff(), (origin - bounds.min).maxCoeff());
-    return reach * 0x1p-23 * power_of_ten(*decimals) < 1;
-  };
   for (const Vec3d& origin : {place.origin, central_origin(bounds)}) {
-    if (!tells_apart(origin)) continue;
+    if (!tells_apart(bounds, origin, 1 / power_of_ten(*decimals))) continue;
     place.origin = origin;
     place.decimals = decimals;
     break;
@@ -312,7 +343,7 @@ std::size_t PieceReader::first(std::size_t part) const {
 
 PointPlace PieceReader::measure() const {
   const PointRecords& points = impl_->points;
-  return Reader(points.table(), impl_->decoder, points.file()).measure();
+  return Reader(points.table(), impl_->decoder, points.file()).measure(points.double_positions());
 }
 
 SurfelCloud PieceReader::read(std::size_t begin, std::size_t end, const PointPlace* place) const {
@@ -352,7 +383,7 @@ struct RangeReader::Impl {
   explicit Impl(const PointRecords& of)
       : points(of),
         decoder(of.table(), of.file()),
-        place(Reader(of.table(), decoder, of.file()).measure()) {}
+        place(Reader(of.table(), decoder, of.file()).measure(of.double_positions())) {}
 
   RecordTable part(std::size_t begin, std::size_t end) const {
     RecordTable out = points.table();

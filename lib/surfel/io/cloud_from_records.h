@@ -42,10 +42,11 @@ struct PointPlace {
   Bounds bounds;                ///< Of the finite positions, world coordinates.
   Vec3d origin{0, 0, 0};        ///< SurfelCloud::origin.
   std::optional<int> decimals;  ///< SurfelCloud::decimals.
+  bool remainders = false;      ///< The clouds have SurfelCloud::remainder.
 };
 
 /// Where points are placed whose bounds are known, one at least.
-/// \param stepped   RecordTable::stepped.
+/// \param stepped   Are the coordinates multiples of a step?
 /// \param decimals  the most decimals of the coordinates where they are doubles; else unset.
 PointPlace place_points(const Bounds& bounds, bool stepped, const std::optional<int>& decimals);
 

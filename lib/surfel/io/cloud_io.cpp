@@ -65,7 +65,7 @@ class PlyPoints final : public PointRecords {
     }
     // The finest level is the last.
     table_.skip(coarser_);
-    table_.stepped = tells_las_steps(ply.header().comments);
+    table_.step = finest_las_step(ply.header().comments, ply.name());
     all_levels_ = levels_ && options.levels;
   }
 

@@ -2,12 +2,11 @@
 #include <atomic>
 #include <bit>
 #include <cmath>
-#include <optional>
 
 #include <surfel/base/color.h>
 #include <surfel/base/parallel.h>
 #include <surfel/io/cloud_to_records.h>
-#include <surfel/io/surfel_decoder.h>
+#include <surfel/scene/exact_coordinates.h>
 
 namespace surfel {
 namespace {
@@ -27,45 +26,6 @@ bool exact_in_float(const SurfelCloud& cloud, int axis) {
     if (!all) exact = false;
   });
   return exact;
-}
-
-/// What a file's coordinates were multiples of.
-struct Grid {
-  double step = 1;
-  double offset = 0;
-  double per_unit = 0;  ///< Steps in a unit, where that is a whole number and there is no offset.
-
-  /// The multiple next to a coordinate if they differ by no more than the rounding, else the
-  /// coordinate itself.
-  double nearest(double x, double rounding) const {
-    const double multiple = per_unit > 0 ? std::round(x * per_unit) / per_unit
-                                         : std::round((x - offset) / step) * step + offset;
-    return std::abs(multiple - x) <= rounding ? multiple : x;
-  }
-};
-
-/// The power of ten that a number is, if it is one of few digits.
-std::optional<double> whole_power_of_ten(double value) {
-  for (int decimals = 0; decimals < kManyDecimals; ++decimals) {
-    const double power = power_of_ten(decimals);
-    if (std::abs(value - power) <= 1e-9 * power) return power;
-  }
-  return std::nullopt;
-}
-
-/// The grid of an axis. LAS defines a coordinate by a product and a sum, whose rounding shows as
-/// further digits: text gets the decimal number that is meant.
-std::optional<Grid> grid_of(const SurfelCloud& cloud, int axis, bool for_text) {
-  if (!cloud.las) {
-    if (!cloud.decimals) return std::nullopt;
-    return Grid{.per_unit = power_of_ten(*cloud.decimals)};
-  }
-  Grid grid{.step = cloud.las->scale[axis], .offset = cloud.las->offset[axis]};
-  const auto per_unit = whole_power_of_ten(1 / grid.step);
-  if (for_text && per_unit && grid.offset * *per_unit == std::round(grid.offset * *per_unit)) {
-    grid.per_unit = *per_unit;
-  }
-  return grid;
 }
 
 std::uint8_t to_uint8(float alpha) {
@@ -119,23 +79,17 @@ void CloudRecords::add_vector(const char* const (&names)[kSize],
 void CloudRecords::add_position(bool for_text) {
   const Vec3d& origin = cloud_.origin;
   const bool wide =
-      cloud_.double_positions || cloud_.las || (for_text && origin != Vec3d::Zero()) ||
+      cloud_.double_positions || cloud_.las || !cloud_.remainder.empty() ||
+      (for_text && origin != Vec3d::Zero()) ||
       !(exact_in_float(cloud_, 0) && exact_in_float(cloud_, 1) && exact_in_float(cloud_, 2));
+  const ExactCoordinates coordinates(cloud_, for_text);
   constexpr const char* kNames[] = {"x", "y", "z"};
   for (int k = 0; k < 3; ++k) {
-    const auto world = [from = cloud_.position.data(), o = origin[k], k](std::size_t i) {
-      // Not 0 + x, which makes 0 of -0.
-      return o == 0 ? static_cast<double>(from[i][k]) : o + static_cast<double>(from[i][k]);
-    };
-    if (const auto grid = grid_of(cloud_, k, for_text); grid && wide) {
-      add<double>(kNames[k], [world, from = cloud_.position.data(), k, grid](std::size_t i) {
-        const double rounding = std::abs(static_cast<double>(from[i][k])) * 0x1p-23;
-        return grid->nearest(world(i), rounding);
-      });
-    } else if (wide) {
-      add<double>(kNames[k], world);
+    const auto exact = [coordinates, k](std::size_t i) { return coordinates(i, k); };
+    if (wide) {
+      add<double>(kNames[k], exact);
     } else {
-      add<float>(kNames[k], [world](std::size_t i) { return static_cast<float>(world(i)); });
+      add<float>(kNames[k], [exact](std::size_t i) { return static_cast<float>(exact(i)); });
     }
   }
 }

@@ -98,7 +98,7 @@ struct LasPoints::Impl {
     table.blocks = records.get();
     table.stride = layout.stride();
     table.columns = layout.columns();
-    table.stepped = true;
+    table.step = header.storage.scale.cwiseAbs().minCoeff();
     if (header.bounds.min.allFinite() && header.bounds.max.allFinite()) {
       table.said_bounds = header.bounds;
     }

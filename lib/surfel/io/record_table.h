@@ -61,9 +61,9 @@ struct RecordTable {
   /// Bounds of the points as a header tells them, true or not: where they are true the points are
   /// placed in one pass instead of two.
   std::optional<Bounds> said_bounds;
-  /// The coordinates are multiples of a step: the cloud's origin is a central_origin(), so that
-  /// they stay so where up to 2^24 steps lie between two points.
-  bool stepped = false;
+  /// The coordinates are multiples of a step, the finest of the axes, 0: of none. The cloud's
+  /// origin is a central_origin(), so that up to 2^24 steps between two points are exact as floats.
+  double step = 0;
 
   /// Drops the first records; not for records in blocks.
   void skip(std::size_t records) {

@@ -11,6 +11,7 @@
 #include <surfel/base/coordinate_spread.h>
 #include <surfel/base/export.h>
 #include <surfel/io/record_table.h>
+#include <surfel/scene/exact_coordinates.h>
 #include <surfel/scene/surfel_cloud.h>
 
 namespace surfel {
@@ -93,6 +94,12 @@ class SurfelDecoder {
   void measure(const std::byte* records, std::size_t count, Bounds& box) const;
   /// Adds the coordinates of `count` records, kPiece at most, in world coordinates.
   void measure(const std::byte* records, std::size_t count, CoordinateSpread& spread) const;
+  /// Writes what the positions that decode() gives leave of the coordinates of `count` records; 0
+  /// where those are not finite.
+  void decode_remainders(const std::byte* records, std::size_t count, Vec3d* to) const;
+  /// Are the coordinates of `count` records floats, or not finite?
+  /// \param text  Decimal numbers that floats are written as count, too.
+  bool are_floats(const std::byte* records, std::size_t count, bool text) const;
   /// Raises `decimals` to the digits behind the decimal point that the finite coordinates of
   /// `count` records have; kManyDecimals if they have so many or more.
   void count_decimals(const std::byte* records, std::size_t count, int& decimals) const;
@@ -133,14 +140,6 @@ class SurfelDecoder {
   bool alpha_as_uint8_ = false;
   Vec3d origin_{0, 0, 0};
 };
-
-/// 10^decimals, for decimals in 0..kManyDecimals.
-constexpr int kManyDecimals = 7;
-constexpr double power_of_ten(int decimals) {
-  double power = 1;
-  for (int i = 0; i < decimals; ++i) power *= 10;
-  return power;
-}
 
 /// Linear light of every 8-bit sRGB value.
 const float* srgb8_table();

@@ -44,6 +44,7 @@ inline constexpr float kReachRounding = 1.0001F;
 inline bool finite(float value) { return std::isfinite(value); }
 inline bool finite(const Vec2f& value) { return value.allFinite(); }
 inline bool finite(const Vec3f& value) { return value.allFinite(); }
+inline bool finite(const Vec3d& value) { return value.allFinite(); }
 template <class Integer>
 requires std::is_integral_v<Integer>
 bool finite(Integer) { return true; }

@@ -1,5 +1,6 @@
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <atomic>
 #include <charconv>
 #include <cstring>
 #include <limits>
@@ -13,6 +14,7 @@
 #include <surfel/scene/amplitude.h>
 #include <surfel/scene/column_pairs.h>
 #include <surfel/scene/coordinate_system.h>
+#include <surfel/scene/exact_coordinates.h>
 #include <surfel/scene/join.h>
 #include <surfel/scene/surfel_variance.h>
 
@@ -454,8 +456,8 @@ SurfelCloud CloudJoiner::head(const SurfelCloud& cloud) {
 
 namespace {
 
-/// Appends the positions, about an origin for all. Returns the largest change of a coordinate.
-double append_positions(const std::vector<SurfelCloud>& clouds, SurfelCloud& out) {
+/// Appends the positions, about an origin for all.
+void append_positions(const std::vector<SurfelCloud>& clouds, SurfelCloud& out) {
   Bounds box;
   CoordinateSpread spread;
   for (const SurfelCloud& cloud : clouds) {
@@ -467,30 +469,35 @@ double append_positions(const std::vector<SurfelCloud>& clouds, SurfelCloud& out
   }
   // Coordinates that are floats are exact about an origin that suits the whole box.
   const bool floats = std::all_of(clouds.begin(), clouds.end(), [](const SurfelCloud& cloud) {
-    return !cloud.double_positions && !cloud.decimals && !cloud.las;
+    return !cloud.double_positions && !cloud.decimals && !cloud.las && cloud.remainder.empty();
   });
   out.origin = float_origin(floats ? box : spread.core(box));
-  double rounding = 0;
-  Vec3f* to = out.position.data();
-  for (const SurfelCloud& cloud : clouds) {
-    const Vec3d shift = cloud.origin - out.origin;
-    std::vector<double> changes(cloud.size() / kJoinGrain + 1, 0);
-    parallel_for(cloud.size(), kJoinGrain, [&](std::size_t begin, std::size_t end, int) {
-      for (std::size_t i = begin; i < end; ++i) {
-        const Vec3d offset = shift + cloud.position[i].cast<double>();
-        to[i] = offset.cast<float>();
-        const double change = (to[i].cast<double>() - offset).cwiseAbs().maxCoeff();
-        if (change > changes[begin / kJoinGrain]) changes[begin / kJoinGrain] = change;
-      }
-    });
-    rounding = std::max(rounding, *std::max_element(changes.begin(), changes.end()));
-    to += cloud.size();
-  }
-  return rounding;
+  const auto for_each = [&](const auto& visit) {
+    std::size_t first = 0;
+    for (const SurfelCloud& cloud : clouds) {
+      const ExactCoordinates exact(cloud);
+      parallel_each(cloud.size(), kJoinGrain,
+                    [&](std::size_t i) { visit(first + i, cloud.position[i], exact(i)); });
+      first += cloud.size();
+    }
+  };
+  out.remainder = {};
+  const ExactCoordinates appended(out);
+  std::atomic<bool> all_exact = true;
+  for_each([&](std::size_t to, const Vec3f& from, const Vec3d& exact) {
+    out.position[to] = (exact - out.origin).cast<float>();
+    if (from.allFinite() && appended(to) != exact) all_exact = false;
+  });
+  if (all_exact) return;
+  Array<Vec3d> remainder(out.size());
+  for_each([&](std::size_t to, const Vec3f& from, const Vec3d& exact) {
+    remainder[to] = from.allFinite() ? Vec3d(exact - out.world(to)) : Vec3d::Zero();
+  });
+  out.remainder = std::move(remainder);
 }
 
 /// Clouds with the same columns, one after the other.
-SurfelCloud concatenated(std::vector<SurfelCloud> clouds, double& rounding) {
+SurfelCloud concatenated(std::vector<SurfelCloud> clouds) {
   std::size_t total = 0;
   bool decimals = true;
   SurfelCloud out = CloudJoiner::head(clouds.front());
@@ -511,11 +518,13 @@ SurfelCloud concatenated(std::vector<SurfelCloud> clouds, double& rounding) {
   for (ExtraProperty& property : out.extra) {
     property.data.resize(total * scalar_size(property.type));
   }
-  rounding = append_positions(clouds, out);
+  append_positions(clouds, out);
   std::size_t first = 0;
   for (SurfelCloud& cloud : clouds) {
     const std::size_t count = cloud.size();
-    cloud.position = {};  // The positions are there already.
+    // The positions are there already.
+    cloud.position = {};
+    cloud.remainder = {};
     visit_column_pairs(cloud, out, [&](const auto& from, auto& to) {
       std::copy(from.begin(), from.end(), to.begin() + static_cast<std::ptrdiff_t>(first));
     });
@@ -560,11 +569,8 @@ SurfelCloud join_clouds(std::vector<SurfelCloud> clouds, const JoinOptions& opti
   for (std::size_t k = 0; k < clouds.size(); ++k) {
     clouds[k] = joiner.joined(k, std::move(clouds[k]));
   }
-  JoinReport told = joiner.report();
-  SurfelCloud out = clouds.size() == 1 ? std::move(clouds.front())
-                                       : concatenated(std::move(clouds), told.rounding);
-  if (report) *report = std::move(told);
-  return out;
+  if (report) *report = joiner.report();
+  return clouds.size() == 1 ? std::move(clouds.front()) : concatenated(std::move(clouds));
 }
 
 }  // namespace surfel

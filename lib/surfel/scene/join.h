@@ -33,11 +33,8 @@ struct JoinReport {
   };
   std::vector<Filled> filled;        ///< Columns that a cloud lacked and got defaults for.
   std::vector<std::string> dropped;  ///< What not every cloud had, or not alike.
-  /// Largest change of a coordinate by rounding, scene units: clouds far from one another share an
-  /// origin. Joined piece by piece they do not, and nothing is rounded.
-  double rounding = 0;
-  bool basis_differs = false;       ///< Coefficients were fitted for different cutoffs.
-  bool viewpoints_dropped = false;  ///< Not all clouds know where their scans were taken from.
+  bool basis_differs = false;        ///< Coefficients were fitted for different cutoffs.
+  bool viewpoints_dropped = false;   ///< Not all clouds know where their scans were taken from.
 };
 
 /// Joins clouds piece by piece, so that they need not be in memory at once: what join_clouds()
@@ -56,7 +53,7 @@ class SURFEL_API CloudJoiner {
   CloudJoiner(const CloudJoiner&) = delete;
   CloudJoiner& operator=(const CloudJoiner&) = delete;
 
-  /// What joining does to the columns; its `rounding` is 0.
+  /// What joining does to the columns.
   const JoinReport& report() const;
   /// Surfels of cloud `k` with the columns and the header of the joined cloud. Pieces of a cloud
   /// come in its order, after all pieces of the clouds before it. Throws Error(kInput) where

@@ -75,7 +75,7 @@ struct LasStorage {
 /// docs/format.md lists the columns as files have them; colours here are linear light.
 struct SURFEL_API SurfelCloud {
   Vec3d origin{0, 0, 0};  ///< World position = origin + position, so that far-away scenes keep
-                          ///< their precision in float.
+                          ///< their precision in float; see `remainder`.
   bool double_positions = false;  ///< Write x y z as double whatever the origin.
   /// Digits behind the decimal point of the file's coordinates, where these have double precision
   /// and so few digits that offsets from the origin tell them apart: coordinates are written with
@@ -83,7 +83,10 @@ struct SURFEL_API SurfelCloud {
   std::optional<int> decimals;
 
   Array<Vec3f> position;  ///< Scene units, relative to `origin`.
-  Array<Vec3f> normal;    ///< Unit length; all zero = unknown. The disc lies across it.
+  /// What floats leave of coordinates, scene units: the world position to the last bit that the
+  /// file had is origin + position + remainder. Only for writing; there where it is not zero.
+  Array<Vec3d> remainder;
+  Array<Vec3f> normal;  ///< Unit length; all zero = unknown. The disc lies across it.
   /// Mean of a normal map's normals under the surfel's Gaussian, for shading: its length, 1 at
   /// most, tells how much they vary. All zero = as `normal`.
   Array<Vec3f> shading_normal;
@@ -148,7 +151,10 @@ struct SURFEL_API SurfelCloud {
   /// `scan`, in world coordinates; empty where they do not tell it of every surfel.
   Array<Vec3d> sensors() const;
 
-  Vec3d world(std::size_t i) const { return origin + position[i].cast<double>(); }
+  Vec3d world(std::size_t i) const {
+    const Vec3d rounded = origin + position[i].cast<double>();
+    return remainder.empty() ? rounded : Vec3d(rounded + remainder[i]);
+  }
   /// Bounds of the finite positions, in world coordinates.
   Bounds bounds() const;
 
@@ -164,6 +170,7 @@ struct SURFEL_API SurfelCloud {
 template <class Cloud, class Visit>
 void SurfelCloud::visit_columns(Cloud& cloud, Visit&& visit) {
   visit(cloud.position);
+  visit(cloud.remainder);
   visit(cloud.normal);
   visit(cloud.shading_normal);
   visit(cloud.variance);

@@ -57,8 +57,16 @@ void transform_cloud(SurfelCloud& cloud, const Similarity& similarity) {
   spread.add(at_old_origin.origin, at_old_origin.position);
   const Vec3d origin = float_origin(spread.core(at_old_origin.bounds()));
   const Vec3d shift = at_old_origin.origin - origin;
-  change(cloud.position, [&](const Vec3f& p) -> Vec3f {
-    return (linear * p.cast<double>() + shift).cast<float>();
+  parallel_each(cloud.size(), kTransformGrain, [&](std::size_t i) {
+    Vec3f& p = cloud.position[i];
+    if (cloud.remainder.empty()) {
+      p = (linear * p.cast<double>() + shift).cast<float>();
+      return;
+    }
+    Vec3d& rest = cloud.remainder[i];
+    const Vec3d exact = linear * (p.cast<double>() + rest) + shift;
+    p = exact.cast<float>();
+    rest = p.allFinite() ? Vec3d(exact - p.cast<double>()) : Vec3d::Zero();
   });
   cloud.origin = origin;
 

@@ -1,0 +1,63 @@
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include <surfel/scene/exact_coordinates.h>
+
+namespace surfel {
+namespace {
+
+/// The power of ten that a number is, if it is one of few digits.
+std::optional<double> whole_power_of_ten(double value) {
+  for (int decimals = 0; decimals < kManyDecimals; ++decimals) {
+    const double power = power_of_ten(decimals);
+    if (std::abs(value - power) <= 1e-9 * power) return power;
+  }
+  return std::nullopt;
+}
+
+}  // namespace
+
+bool tells_apart(const Bounds& box, const Vec3d& origin, double step) {
+  const double reach = std::max((box.max - origin).maxCoeff(), (origin - box.min).maxCoeff());
+  return reach * 0x1p-23 < step;
+}
+
+/// The multiple next to a coordinate if they differ by no more than the rounding, else the
+/// coordinate itself.
+double ExactCoordinates::Grid::nearest(double x, double rounding) const {
+  const double multiple = per_unit > 0 ? std::round(x * per_unit) / per_unit
+                                       : std::round((x - offset) / step) * step + offset;
+  return std::abs(multiple - x) <= rounding ? multiple : x;
+}
+
+ExactCoordinates::ExactCoordinates(const SurfelCloud& cloud, bool for_text) : cloud_(cloud) {
+  for (int axis = 0; axis < 3; ++axis) {
+    std::optional<Grid>& grid = grid_[static_cast<std::size_t>(axis)];
+    if (!cloud.las) {
+      if (cloud.decimals) grid = Grid{.per_unit = power_of_ten(*cloud.decimals)};
+      continue;
+    }
+    grid = Grid{.step = cloud.las->scale[axis], .offset = cloud.las->offset[axis]};
+    const auto per_unit = whole_power_of_ten(1 / grid->step);
+    if (for_text && per_unit && grid->offset * *per_unit == std::round(grid->offset * *per_unit)) {
+      grid->per_unit = *per_unit;
+    }
+  }
+}
+
+double ExactCoordinates::operator()(std::size_t i, int axis) const {
+  const double origin = cloud_.origin[axis];
+  const auto offset = static_cast<double>(cloud_.position[i][axis]);
+  // Not 0 + x, which makes 0 of -0.
+  double x = origin == 0 ? offset : origin + offset;
+  double rounding = std::abs(offset) * 0x1p-23;
+  if (!cloud_.remainder.empty()) {
+    if (const double rest = cloud_.remainder[i][axis]; rest != 0) x += rest;
+    rounding = std::abs(x) * 4 * std::numeric_limits<double>::epsilon();
+  }
+  const std::optional<Grid>& grid = grid_[static_cast<std::size_t>(axis)];
+  return grid ? grid->nearest(x, rounding) : x;
+}
+
+}  // namespace surfel
