@@ -1,12 +1,16 @@
 // LAZ beside other programs: what we write is read by laz-perf, and we read what LASzip wrote.
 
+#include <array>
+#include <cstdint>
 #include <cstring>
 #include <filesystem>
 #include <random>
 #include <span>
+#include <utility>
 
 #include <fmt/format.h>
 #include <gtest/gtest.h>
+#include <surfel/base/color.h>
 
 #include "io/cloud_of_bytes.h"
 #include "support/cases.h"
@@ -130,6 +134,37 @@ TEST(LazPeers, ChannelsOfEveryFormatReadBack) {
       expect_same(cloud_of(laz_of(file.maker, file.chunks)), cloud_of(file.maker.las()), file.what);
     }
   }
+}
+
+/// A file of the real data whose points have several scanner channels.
+std::string channel_case(const std::string& name) {
+  return read_text((data_folder() / "cases" / name).string());
+}
+
+TEST(LazPeers, ChannelsOfOtherProgramsAreReadAsTheirTwins) {
+  SURFEL_REQUIRE_TEST_DATA();
+  const std::pair<const char*, const char*> twins[] = {{"min_one.laz", "min_one.las"},
+                                                       {"min2.laz", "min2.las"},
+                                                       {"chan_rgb_laszip.laz", "chan_rgb.las"}};
+  for (const auto& [laz, las] : twins) {
+    expect_same(cloud_of(channel_case(laz)), cloud_of(channel_case(las)), laz);
+  }
+  constexpr std::array<std::uint16_t, 3> kColor{7000, 100, 60};
+  const Vec3f color = cloud_of(channel_case("min_one.laz")).color.at(6);
+  for (Eigen::Index k = 0; k < 3; ++k) {
+    EXPECT_EQ(color[k], srgb16_to_linear(kColor[static_cast<std::size_t>(k)]));
+  }
+}
+
+TEST(LazPeers, LazPerfReadsChannelsThatWeCompress) {
+  SURFEL_REQUIRE_TEST_DATA();
+  const TemporaryFolder folder;
+  const std::string las = channel_case("chan_rgb.las");
+  write_cloud(cloud_of(las), folder / "a.laz");
+  const RunResult result = run_laz_perf({folder / "a.laz"});
+  SURFEL_REQUIRE(result.exit_code != kNoLazPerf, "no laz-perf: " + result.errors);
+  ASSERT_EQ(result.exit_code, 0) << result.errors;
+  EXPECT_TRUE(read_text(folder / "a.laz.points") == points_in(las));
 }
 
 /// What is between the header of a LAZ file and its table of chunks.
