@@ -45,7 +45,7 @@ struct Sums {
 /// have been resolved to something else.
 Image with_edges(double cutoff, const std::function<Sums(int, int)>& sums,
                  const std::function<float(int, int)>& resolved) {
-  EdgeCoverage edges(cutoff, 1, 0.7F);
+  EdgeCoverage edges(EdgeFilter(cutoff, 1), 1, 0.7F);
   edges.begin(kPixels, kPixels);
   Image image = rgba_image(kPixels, kPixels);
   TileABuffer tile;

@@ -3,7 +3,9 @@
 #include <bit>
 #include <cmath>
 #include <limits>
+#include <optional>
 #include <span>
+#include <utility>
 
 #include <surfel/render/a_buffer.h>
 #include <surfel/render/edge_search.h>
@@ -57,7 +59,7 @@ struct SeenFragment {
   float coverage;
   /// Of an unmerged fragment: the sum of rho from which on it covers the pixel.
   float full_weight;
-  float edge;  ///< See edge_of().
+  float edge;  ///< EdgeFilter::Edge::degree.
   /// Of a front-facing fragment, the degree to which back-facing fragments that follow are the
   /// other side of its body.
   float one_body;
@@ -75,17 +77,19 @@ SeenFragment seen_at(const TileABuffer& tile, const Fragment& fragment, float ed
   return {&fragment, coverage, full_weight, edge, edge, far_side};
 }
 
+/// Fragments cover no less of a pixel, so that their colours can be told.
+constexpr float kLeastCoverage = 1e-6F;
+
 /// May a fragment, one of several in its pixel, be the far side of a body?
 bool may_be_far_side(const TileABuffer& tile, int count, const Fragment& fragment) {
   return tile.layout.opaque && count > 1 && !is_merged(fragment) &&
          !shows_front(fragment.channel[kTag]);
 }
 
-/// Is the opacity of a pixel, which has so many fragments, set by EdgeCoverage whatever it is now?
+/// Is the opacity at the edge of a pixel's last fragment set by EdgeCoverage whatever it is now?
 /// Where lines cut the surface they tell more about its edge.
-bool edge_comes_later(const TileABuffer& tile, int count, const Fragment& fragment) {
-  return tile.edges_later && count == 1 &&
-         !(tile.layout.clips && fragment.channel[kCutPartial] > 0);
+bool edge_comes_later(const TileABuffer& tile, bool last, const Fragment& fragment) {
+  return tile.edges_later && last && !(tile.layout.clips && fragment.channel[kCutPartial] > 0);
 }
 
 /// Does a fragment hide what lies behind it, at an edge, too?
@@ -104,27 +108,105 @@ bool is_far_side(const TileABuffer& tile, const Fragment& back, const EdgeNeighb
          around.nearest_front >= depth - kRimDepth * std::abs(depth);
 }
 
+/// Finds the surfaces that a pixel's fragments, nearest first, are parts of: those of one side that
+/// lie close together and of which none is a whole surface are slabs of one.
+/// \param at  The fragment of a number.
+template <class At>
+class PixelSurfaces {
+ public:
+  PixelSurfaces(const TileABuffer& tile, int count, const At& at) : at_(at) {
+    std::array<int, 2> last{-1, -1};  // By side: the surface that was found last.
+    for (int i = 0; i < count; ++i) {
+      const Fragment& fragment = at(i);
+      const float depth = front_depth(fragment);
+      const float weight = is_merged(fragment) ? kMany : fragment.channel[kWeight];
+      int& before = last[shows_front(fragment.channel[kTag]) ? 1 : 0];
+      const bool goes_on = before >= 0 && weight < kWholeSurface * tile.mean_weight &&
+                           surfaces_[before].sum + weight < kSeveralSurfaces * tile.mean_weight &&
+                           surfaces_[before].last - depth <= kRimDepth * std::abs(depth);
+      if (!goes_on) {
+        surfaces_[i] = {depth, depth, 0, -kInfinity, kInfinity};
+        if (before >= 0) {
+          // Around the pixel a fragment belongs to the surface next to it in depth.
+          const float between = (surfaces_[before].last + depth) / 2;
+          surfaces_[before].farthest = between;
+          surfaces_[i].nearest = between;
+        }
+        before = i;
+      }
+      surfaces_[before].sum += weight;
+      surfaces_[before].last = depth;
+      of_[i] = before;
+    }
+  }
+
+  /// The depths of the surface of a fragment around the pixel.
+  SurfaceRange range(int i) const {
+    const Surface& surface = surfaces_[of_[i]];
+    return {shows_front(at_(i).channel[kTag]), surface.nearest, surface.farthest, surface.sum};
+  }
+  /// The number of the surface of a fragment: of its first fragment.
+  int of(int i) const { return of_[i]; }
+  /// The share of a surface's sum that a fragment has.
+  float share(int i) const { return at_(i).channel[kWeight] / surfaces_[of_[i]].sum; }
+
+ private:
+  static constexpr float kInfinity = std::numeric_limits<float>::infinity();
+  static constexpr float kMany = 1e6F;  ///< More than any surface sums up to.
+  struct Surface {
+    float first, last;  ///< Depths of its first and last fragments.
+    float sum;          ///< Of rho.
+    float farthest, nearest;
+  };
+
+  const At& at_;
+  std::array<Surface, kMostLayers> surfaces_;
+  std::array<int, kMostLayers> of_;
+};
+
 /// What is seen of a pixel's fragments, nearest first.
-/// \param at    The fragment of a number.
-/// \param look  The sums around a fragment.
-template <class At, class Look>
+/// \param at       The fragment of a number.
+/// \param look     The EdgeNeighbors of a fragment.
+/// \param edge_of  How the surface of a SurfaceRange covers the pixel.
+template <class At, class Look, class EdgeOf>
 std::span<SeenFragment> look_at(const TileABuffer& tile, int count, const At& at, const Look& look,
+                                const EdgeOf& edge_of,
                                 std::array<SeenFragment, kMostLayers>& seen) {
+  std::optional<PixelSurfaces<At>> surfaces;
+  std::array<EdgeFilter::Edge, kMostLayers> edges;  // By surface.
+  std::array<float, kMostLayers> open;              // By surface: what its fragments leave of it.
+  std::array<bool, kMostLayers> known{};            // By surface.
   bool hidden = false;
   for (int i = 0; i < count; ++i) {
     const Fragment& fragment = at(i);
-    const bool may_end = !edge_comes_later(tile, count, fragment) && may_be_at_edge(tile, fragment);
+    const bool may_end = !hidden && !edge_comes_later(tile, i + 1 == count, fragment) &&
+                         may_be_at_edge(tile, fragment);
     const bool may_be_far = !hidden && may_be_far_side(tile, count, fragment);
     hidden = hidden || hides(tile, fragment);
-    float edge = 0;
-    bool far_side = false;
-    if (may_end || may_be_far) {
-      const EdgeNeighbors around = look(fragment);
-      far_side = may_be_far && is_far_side(tile, fragment, around);
-      const bool ends = far_side && is_filtered(fragment.channel[kTag]);
-      edge = ends ? 1 : may_end ? edge_of(tile, fragment, around) : 0;
+    const bool far_side = may_be_far && is_far_side(tile, fragment, look(fragment));
+    if (!may_end) {
+      seen[i] = seen_at(tile, fragment, 0, far_side);
+      continue;
     }
-    seen[i] = seen_at(tile, fragment, edge, far_side);
+    if (!surfaces) surfaces.emplace(tile, count, at);
+    const int surface = surfaces->of(i);
+    if (!known[surface]) {
+      known[surface] = true;
+      edges[surface] = edge_of(surfaces->range(i));
+      open[surface] = 1;
+    }
+    const EdgeFilter::Edge edge = edges[surface];
+    const float degree = far_side ? 1 : edge.degree;
+    seen[i] = seen_at(tile, fragment, degree, far_side);
+    const bool cut = tile.layout.clips && fragment.channel[kCutPartial] > 0;
+    if (cut || edge.degree == 0) continue;
+    // Fragments of one surface share what it covers.
+    const float part = edge.coverage * surfaces->share(i);
+    const float coverage = open[surface] > 0 ? std::min(1.0F, part / open[surface]) : 1;
+    open[surface] -= part;
+    const float inside = tile.coverage(fragment, 0);
+    seen[i].coverage = std::max(kLeastCoverage, inside + degree * (coverage - inside));
+    seen[i].full_weight = fragment.channel[kWeight] / seen[i].coverage;
   }
   return std::span(seen).first(static_cast<std::size_t>(count));
 }
@@ -369,7 +451,9 @@ void share_by_sums(const TileABuffer& tile, std::span<SeenFragment> seen) {
       const float degree =
           std::clamp((kSeveralSurfaces - sum / tile.mean_weight) / (kSeveralSurfaces - kOneSurface),
                      0.0F, 1.0F);
-      const float covered = std::max(1 - open, std::min(1.0F, sum / tile.edge_weight));
+      // At an edge the pixels around have told what they cover.
+      const float covered =
+          std::max(1 - open, (1 - seen[first].edge) * std::min(1.0F, sum / tile.edge_weight));
       float transmitted = 1;
       for (SeenFragment& part : seen.subspan(first, end - first)) {
         // Rounding may leave nothing for a part that hardly weighs.
@@ -393,7 +477,7 @@ Fragment merged(const TileABuffer& tile, const Fragment& front, const Fragment& 
   // changed.
   const auto see = [&](const Fragment& f, const Fragment& other) {
     const bool far_side = may_be_far_side(tile, 2, f) && shows_front(other.channel[kTag]) &&
-                          is_far_side(tile, f, {{}, f.channel[kWeight], front_depth(other)});
+                          is_far_side(tile, f, {f.channel[kWeight], front_depth(other)});
     return seen_at(tile, f, !is_merged(f) && is_filtered(f.channel[kTag]) ? kMergedEdge : 0.0F,
                    far_side);
   };
@@ -504,6 +588,34 @@ void store(TileABuffer& tile, int layer, int pixel, const Fragment& fragment) {
   for (int c = 0; c < tile.layout.channels(); ++c) tile.at(layer, c, pixel) = fragment.channel[c];
 }
 
+/// Adds the sums of a fragment to those in a layer, which keeps its tag.
+void add_to_layer(TileABuffer& tile, int layer, int pixel, const Fragment& more) {
+  for (int c = 0; c < tile.layout.channels(); ++c) {
+    if (c != kTag && c != kBack) tile.at(layer, c, pixel) += more.channel[c];
+  }
+}
+
+/// The numbers of two fragments of a pixel that are next to each other among those of their side,
+/// close together, and parts of one surface by their sums: the closest pair.
+std::optional<std::pair<int, int>> slabs_of_one(const TileABuffer& tile, const Sorted& sorted) {
+  std::optional<std::pair<int, int>> found;
+  float least = std::numeric_limits<float>::infinity();
+  std::array<int, 2> last{-1, -1};  // By side: the fragment before.
+  for (int i = 0; i < sorted.count; ++i) {
+    const float* const c = sorted[i].channel;
+    const int before = std::exchange(last[shows_front(c[kTag]) ? 1 : 0], i);
+    if (before < 0 || is_merged(sorted[i]) || is_merged(sorted[before])) continue;
+    const float depth = front_depth(sorted[i]);
+    const float distance = front_depth(sorted[before]) - depth;
+    const bool one = c[kWeight] + sorted[before].channel[kWeight] < kOneSurface * tile.mean_weight;
+    if (one && distance < least && distance <= kRimDepth * std::abs(depth)) {
+      least = distance;
+      found = {before, i};
+    }
+  }
+  return found;
+}
+
 }  // namespace
 
 void load_fragment(const TileABuffer& tile, int layer, int pixel, Fragment& fragment) {
@@ -574,11 +686,12 @@ void insert_by_merging(TileABuffer& tile, int pixel, const Fragment& fresh, floa
     }
   }
   if (slab >= 0) {
-    Fragment sum = sorted[slab];
-    for (int c = 0; c < tile.layout.channels(); ++c) {
-      if (c != kTag && c != kBack) sum.channel[c] += fresh.channel[c];
-    }
-    store(tile, sorted.order[slab], pixel, sum);
+    add_to_layer(tile, sorted.order[slab], pixel, fresh);
+    return;
+  }
+  if (const auto slabs = slabs_of_one(tile, sorted)) {
+    add_to_layer(tile, sorted.order[slabs->first], pixel, sorted[slabs->second]);
+    store(tile, sorted.order[slabs->second], pixel, fresh);
     return;
   }
   ++tile.merges.merged;
@@ -621,7 +734,8 @@ std::optional<PixelResult> resolve_pixel(TileABuffer& tile, int pixel, const Fra
     const Fragment& fragment = sorted[i];
     if (!is_merged(fragment)) tile.merges.total_weight += fragment.channel[kWeight];
     look = look ||
-           (!edge_comes_later(tile, sorted.count, fragment) && may_be_at_edge(tile, fragment)) ||
+           (!edge_comes_later(tile, i + 1 == sorted.count, fragment) &&
+            may_be_at_edge(tile, fragment)) ||
            (!hidden && may_be_far_side(tile, sorted.count, fragment));
     hidden = hidden || hides(tile, fragment);
   }
@@ -637,7 +751,8 @@ std::optional<PixelResult> resolve_pixel(TileABuffer& tile, int pixel, const Fra
       tile, x, y,
       look_at(
           tile, sorted.count, [&](int i) -> const Fragment& { return sorted[i]; },
-          [&](const Fragment& fragment) { return look_around(tile, fragment, pixel); }, seen),
+          [&](const Fragment& fragment) { return look_around(tile, fragment, pixel); },
+          [&](const SurfaceRange& range) { return edge_around(tile, range, pixel); }, seen),
       rest);
 }
 
@@ -650,6 +765,9 @@ PixelResult resolve_open_pixel(const TileABuffer& tile, const OpenPixels& open,
       look_at(
           tile, pixel.count, [&](int i) -> const Fragment& { return fragments[i]; },
           [&](const Fragment& fragment) { return rims.look_around(fragment, pixel.x, pixel.y); },
+          [&](const SurfaceRange& range) {
+            return rims.edge_around(*tile.edge_filter, range, pixel.x, pixel.y);
+          },
           seen),
       pixel.rest ? fragments[pixel.count] : Fragment{});
 }

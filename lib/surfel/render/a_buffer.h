@@ -158,6 +158,7 @@ struct MergeStatistics {
   }
 };
 
+class EdgeFilter;
 class Shader;
 struct OpenPixels;
 
@@ -174,9 +175,14 @@ struct TileABuffer {
   float edge_weight = 1;  ///< The sum of rho from which a surface covers the pixel at its edge, and
                           ///< hides all surfaces behind it; >= tau.
   float mean_weight = 1;  ///< The mean sum of rho within a surface.
+  /// No edge is looked for where the sum of rho is this or more: edge_weight in opaque pictures, as
+  /// nothing is drawn behind.
+  float inside_weight = 1;
   /// EdgeCoverage sets the opacities at edges, so that a pixel's only fragment need not look at the
   /// pixels around.
   bool edges_later = false;
+  /// Null: surfaces cover by tau alone what they cover, at their edges, too.
+  const EdgeFilter* edge_filter = nullptr;
   const Shader* shader = nullptr;
   MergeStatistics merges;
 
@@ -281,10 +287,10 @@ struct PixelResult {
 ///
 /// Coverage is the sum of rho over a weight that is tau inside a surface, below the least sum
 /// there. At its edge, where the sum falls with the surface's share of the pixel, tau would make it
-/// too large (0.4 to 0.7 pixels): there the weight is edge_weight, close to the mean sum. An edge
-/// is where the sums fall to nothing within two pixels on one side; that tells nothing where splats
-/// are larger than the pixel filter, so that it is looked for only where they are not
-/// (kFilteredTag).
+/// too large (0.4 to 0.7 pixels): there an EdgeFilter tells it by the surface's sums in the pixels
+/// around, in which a fragment belongs to the surface next to it in depth, whatever lies behind.
+/// That tells nothing where splats are larger than the pixel filter, so that edges are looked for
+/// only where they are not (kFilteredTag).
 ///
 /// Opaque fragments of one side, none of which has a whole sum of rho, while all of them together
 /// have one, share what they cover by their sums: where the pixel's kernel crosses a fold, a step,

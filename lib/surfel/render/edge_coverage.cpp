@@ -3,77 +3,23 @@
 #include <cmath>
 #include <cstring>
 #include <limits>
-#include <numbers>
 #include <utility>
 
-#include <surfel/base/elementary.h>
 #include <surfel/render/edge_coverage.h>
 #include <surfel/render/frame.h>
 
 namespace surfel {
 namespace {
 
-double normal_distribution(double z) { return portable::erfc(-z / std::numbers::sqrt2) / 2; }
-
-/// Pixels are near an edge where filtered sums fall below this ...
-constexpr float kEdgeSum = 0.5F;
-/// ... and surely so where they fall below this.
-constexpr float kSurelyEdge = 0.3F;
-
-/// Deviations from a straight edge's opacity that uneven sums make, too: of small sums, as of what
-/// is smaller than a pixel, a share.
-constexpr float kUneven = 0.03F;
-constexpr float kUnevenShare = 0.1F;
-
-/// Sums below this that are larger than the sums around them are of something smaller than a pixel:
-/// outside of a straight edge sums are smaller than the mean of the sums around.
-constexpr float kSmall = 0.3F;
-
 /// Least opacity of a pixel whose colour is its own.
 constexpr float kLeastOpacity = 1.0F / 4096;
 
 }  // namespace
 
-EdgeCoverage::EdgeCoverage(double cutoff, double lowpass, float full_weight)
-    : inv_full_(1 / full_weight) {
-  const double lost = portable::exp(-cutoff);
-  inv_mean_ = static_cast<float>(1 / (1 - lost));
-  reach_ = std::min(kMostReach, static_cast<int>(std::ceil(3 * lowpass)));
-  // As wide as the pixel filter, but no wider than the taps allow.
-  const double deviation = std::min(1.0, lowpass);
-  double sum = 0;
-  double variance = 0;
-  std::array<double, kTaps + 1> taps;
-  for (int i = 0; i <= kTaps; ++i) {
-    taps[i] = portable::exp(-portable::squared(i / deviation) / 2);
-    sum += (i == 0 ? 1 : 2) * taps[i];
-    variance += 2 * taps[i] * i * i;
-  }
-  variance /= sum;
-  for (int i = 0; i <= kTaps; ++i) taps_[i] = static_cast<float>(taps[i] / sum);
-  // The variance along an axis of a unit Gaussian cut off at beta < c is 1 - c e^-c / (1 - e^-c).
-  const double of_kernel = 1 - cutoff * lost / (1 - lost);
-  const double k2 = of_kernel + variance / (lowpass * lowpass);
-  backward_ = static_cast<float>((k2 - 1) / 2 * lowpass * lowpass);
-  // The table's places are found as z goes from far outside to far inside.
-  const double k = std::sqrt(k2);
-  constexpr double kFar = 6;
-  constexpr int kSteps = 4096;
-  double before = 0;
-  double sharp_before = 0;
-  int next = 0;
-  for (int step = 0; step <= kSteps; ++step) {
-    const double z = kFar * (2.0 * step / kSteps - 1);
-    const double here = step == kSteps ? 1 : normal_distribution(z);
-    const double sharp = step == kSteps ? 1 : normal_distribution(k * z);
-    for (; next <= kTable && next <= here * kTable; ++next) {
-      const double share = here > before ? (1.0 * next / kTable - before) / (here - before) : 0;
-      sharpen_[next] = static_cast<float>(sharp_before + share * (sharp - sharp_before));
-    }
-    before = here;
-    sharp_before = sharp;
-  }
-}
+EdgeCoverage::EdgeCoverage(const EdgeFilter& filter, double lowpass, float full_weight)
+    : filter_(filter),
+      inv_full_(1 / full_weight),
+      reach_(std::min(kMostReach, static_cast<int>(std::ceil(3 * lowpass)))) {}
 
 void EdgeCoverage::begin(int width, int height) {
   width_ = width;
@@ -136,7 +82,7 @@ void EdgeCoverage::store(const TileABuffer& tile, TileInside inside) {
     for_each_row(first, to, [&](int i, Pixel* row) {
       for (int column = 0; column < kStripWidth; ++column, ++i) {
         const float sum = std::max(front[i], back[i]);
-        const float known = std::min(1.0F, sum * inv_mean_);
+        const float known = std::min(1.0F, sum * filter_.inv_mean());
         const float opacity = resolved ? std::min(1.0F, sum * inv_full_) : 0.0F;
         sums[i] = resolved && kept[i] != 0 ? opacity : known;
         row[column] = {
@@ -163,7 +109,7 @@ void EdgeCoverage::store_inside(const TileABuffer& tile, float least) {
   for (std::size_t first = 0; first < kTilePixels; first += kPatchPixels, to += kPatchPixels) {
     std::memcpy(to, tile.fragment(0, first), kPatchPixels * sizeof(float));
   }
-  ranges_[number] = {std::min(1.0F, least * inv_mean_), 1, true};
+  ranges_[number] = {std::min(1.0F, least * filter_.inv_mean()), 1, true};
 }
 
 /// Makes pixels of a tile's raw sums.
@@ -175,7 +121,7 @@ void EdgeCoverage::unpack(std::size_t tile) {
     for_each_row(first, pixels, [&](int i, Pixel* row) {
       const float* const from = sums.data() + first + i;
       for (int column = 0; column < kStripWidth; ++column) {
-        row[column] = {steps_of(std::min(1.0F, from[column] * inv_mean_)),
+        row[column] = {steps_of(std::min(1.0F, from[column] * filter_.inv_mean())),
                        steps_of(std::min(1.0F, from[column] * inv_full_))};
       }
     });
@@ -200,7 +146,8 @@ bool EdgeCoverage::may_have_edges(int tile_x, int tile_y) const {
     return ranges_[static_cast<std::size_t>(y) * tiles_x_ + x];
   };
   return any_around(tile_x, tile_y, [&](int x, int y) { return range_at(x, y).most > 0; }) &&
-         any_around(tile_x, tile_y, [&](int x, int y) { return range_at(x, y).least < kEdgeSum; });
+         any_around(tile_x, tile_y,
+                    [&](int x, int y) { return range_at(x, y).least < EdgeFilter::kEdgeSum; });
 }
 
 /// Fetches the sums around a tile, and returns their least and their largest. Beyond the picture
@@ -238,20 +185,17 @@ std::pair<float, float> EdgeCoverage::gather(int x0, int y0, Scratch& scratch) c
 void EdgeCoverage::filter(Scratch& scratch) const {
   const int side = kTileSize + 2 * (reach_ + kTaps);
   const int filtered = side - 2 * kTaps;
-  const auto smooth = [&](float a, float b, float middle, float c, float d) {
-    return taps_[0] * middle + (taps_[1] * (b + c) + taps_[2] * (a + d));
-  };
   static_assert(kTaps == 2);
   for (int y = 0; y < side; ++y) {
     const auto& s = scratch.sum[y];
     for (int x = 0; x < filtered; ++x) {
-      scratch.rows[y][x] = smooth(s[x], s[x + 1], s[x + 2], s[x + 3], s[x + 4]);
+      scratch.rows[y][x] = filter_.smooth(s[x], s[x + 1], s[x + 2], s[x + 3], s[x + 4]);
     }
   }
   for (int y = 0; y < filtered; ++y) {
     const auto* r = &scratch.rows[y];
     for (int x = 0; x < filtered; ++x) {
-      scratch.smooth[y][x] = smooth(r[0][x], r[1][x], r[2][x], r[3][x], r[4][x]);
+      scratch.smooth[y][x] = filter_.smooth(r[0][x], r[1][x], r[2][x], r[3][x], r[4][x]);
     }
   }
   // The least of a window, by windows that grow by as much as they are long: of 1, 2, 4 ... values.
@@ -279,23 +223,10 @@ void EdgeCoverage::filter(Scratch& scratch) const {
   });
 }
 
-/// The coverage of a pixel by its filtered sum and that sum's Laplacian.
-float EdgeCoverage::sharpened(float sum, float laplacian) const {
-  const float place = std::clamp(sum, 0.0F, 1.0F) * kTable;
-  const int i = std::min(static_cast<int>(place), kTable - 1);
-  const float straight =
-      sharpen_[i] + (place - static_cast<float>(i)) * (sharpen_[i + 1] - sharpen_[i]);
-  const float difference = sum - backward_ * laplacian - straight;
-  const bool small = sum < kSmall && laplacian < 0;
-  const float uneven = small ? 0 : std::min({kUneven, kUnevenShare * sum, sum * sum});
-  const float other = difference - std::clamp(difference, -uneven, uneven);
-  return std::clamp(straight + other, 0.0F, 1.0F);
-}
-
 void EdgeCoverage::change_tile(int x0, int y0, Scratch& scratch, Image& image,
                                FunctionRef<Rgba(int x, int y)> behind) {
   const auto [least, most] = gather(x0, y0, scratch);
-  if ((least >= kEdgeSum && !ranges_[tile_of(x0, y0)].merged) || most == 0) return;
+  if ((least >= EdgeFilter::kEdgeSum && !ranges_[tile_of(x0, y0)].merged) || most == 0) return;
   filter(scratch);
   const int x1 = std::min(x0 + kTileSize, width_);
   const int y1 = std::min(y0 + kTileSize, height_);
@@ -305,7 +236,7 @@ void EdgeCoverage::change_tile(int x0, int y0, Scratch& scratch, Image& image,
       Pixel& pixel = at(x, y);
       // Merging took fragments to be at edges where there may be none.
       const bool merged = (pixel.opacity & kMerged) != 0;
-      if ((low >= kEdgeSum && !merged) || (pixel.sum & kKept) != 0) continue;
+      if ((low >= EdgeFilter::kEdgeSum && !merged) || (pixel.sum & kKept) != 0) continue;
       const int row = y - y0 + reach_;
       const int column = x - x0 + reach_;
       const auto& s = scratch.smooth;
@@ -313,9 +244,8 @@ void EdgeCoverage::change_tile(int x0, int y0, Scratch& scratch, Image& image,
       const float laplacian = (s[row][column - 1] + s[row][column + 1]) +
                               (s[row - 1][column] + s[row + 1][column]) - 4 * sum;
       const float before = opacity_of(pixel);
-      const float edge =
-          merged ? 1.0F : std::min(1.0F, (kEdgeSum - low) / (kEdgeSum - kSurelyEdge));
-      const float opacity = before + edge * (sharpened(sum, laplacian) - before);
+      const float edge = merged ? 1.0F : EdgeFilter::edge_by(low);
+      const float opacity = before + edge * (filter_.sharpened(sum, laplacian) - before);
       if (before < kLeastOpacity) {
         if (opacity >= kLeastOpacity) scratch.unreached.push_back({x, y, opacity});
         continue;

@@ -14,23 +14,15 @@
 #include <surfel/base/parallel.h>
 #include <surfel/base/types.h>
 #include <surfel/render/a_buffer.h>
+#include <surfel/render/edge_filter.h>
 #include <surfel/render/edge_search.h>
 #include <surfel/scene/camera.h>
 #include <surfel/scene/image.h>
 
 namespace surfel {
 
-/// The opacities of an opaque picture's pixels near silhouettes and borders.
-///
-/// As a_k is the area that a surfel stands for, the sum of rho over its mean is the surface's
-/// coverage, filtered by the mean kernel: the pixel filter, cut off at beta < c. It is uneven as
-/// the samples are. To get the coverage as the pixel's whole Gaussian filters it, the sums of a
-/// picture are filtered once more, which evens them out, and then sharpened by the ratio k of the
-/// widths: where the surface ends at a straight line, each of the filters leaves a normal
-/// distribution Phi of the distance, so that the sum S becomes Phi(k Phi^-1(S)). Near corners and
-/// in thin parts the backward heat equation S - (k^2 - 1) / 2 Laplace(S), in units of the pixel
-/// filter, corrects that; it holds for any shape to first order. Surfels are foreshortened across
-/// a silhouette, so that k leaves their own extent out.
+/// The opacities of an opaque picture's pixels near silhouettes and borders, by an EdgeFilter of
+/// the picture's sums of rho.
 ///
 /// Each side of a body sums up to the body's coverage. Whatever the fragments are that a grazing
 /// surface falls into, the larger one of the two sides' sums counts. Only pixels near places where
@@ -39,9 +31,9 @@ namespace surfel {
 /// than the lines do.
 class SURFEL_API EdgeCoverage {
  public:
-  /// Room for pictures of a cutoff and of a pixel filter's standard deviation, pixels.
+  /// Room for pictures of a pixel filter's standard deviation, pixels.
   /// \param full_weight  TileABuffer::full_weight, tau.
-  EdgeCoverage(double cutoff, double lowpass, float full_weight);
+  EdgeCoverage(const EdgeFilter& filter, double lowpass, float full_weight);
 
   /// Begins a picture.
   void begin(int width, int height);
@@ -74,9 +66,7 @@ class SURFEL_API EdgeCoverage {
  private:
   /// Surfaces end within so many pixels of filtered sums of less than one half.
   static constexpr int kMostReach = 8;
-  /// The filter's taps on either side of a pixel.
-  static constexpr int kTaps = 2;
-  static constexpr int kTable = 512;
+  static constexpr int kTaps = EdgeFilter::kTaps;
 
   /// Numbers in steps of 1 / kScale, and a flag each.
   struct Pixel {
@@ -139,17 +129,13 @@ class SURFEL_API EdgeCoverage {
   bool may_have_edges(int tile_x, int tile_y) const;
   std::pair<float, float> gather(int x0, int y0, Scratch& scratch) const;
   void filter(Scratch& scratch) const;
-  float sharpened(float sum, float laplacian) const;
   void change_tile(int x0, int y0, Scratch& scratch, Image& image,
                    FunctionRef<Rgba(int x, int y)> behind);
   void fill(const Unreached& pixel, Image& image, FunctionRef<Rgba(int x, int y)> behind) const;
 
-  float inv_mean_;                         ///< 1 / the mean sum of rho.
-  float inv_full_;                         ///< 1 / tau.
-  int reach_;                              ///< Pixels, up to kMostReach.
-  std::array<float, kTaps + 1> taps_;      ///< Of the filter, by distance.
-  float backward_;                         ///< (k^2 - 1) / 2 h_s^2, pixels^2.
-  std::array<float, kTable + 1> sharpen_;  ///< Phi(k Phi^-1(i / kTable)).
+  EdgeFilter filter_;
+  float inv_full_;  ///< 1 / tau.
+  int reach_;       ///< Pixels, up to kMostReach.
 
   int width_ = 0, height_ = 0;
   int tiles_x_ = 0, tiles_y_ = 0;

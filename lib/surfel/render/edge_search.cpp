@@ -71,39 +71,94 @@ void sign_weights(const float* layer, float* __restrict out) {
   }
 }
 
-/// The sums around a fragment of pixel (x, y) in a picture of some size.
+/// What continues a fragment around pixel (x, y) in a picture of some size.
 /// \param offer  Offers the fragments of a pixel to a Continuation of the fragment.
 template <class Offer>
-EdgeNeighbors sums_around(const Fragment& fragment, int x, int y, const std::array<int, 2>& size,
-                          const Offer& offer) {
+EdgeNeighbors continued_around(const Fragment& fragment, int x, int y,
+                               const std::array<int, 2>& size, const Offer& offer) {
+  constexpr int kReach = 2;
   EdgeNeighbors around{};
   around.nearest_front = -std::numeric_limits<float>::infinity();
-  const auto continuation_at = [&](int column, int row) {
+  const auto look = [&](int column, int row) {
+    if (column < 0 || column >= size[0] || row < 0 || row >= size[1]) return;
     Continuation continuation(fragment);
     offer(column, row, continuation);
     around.leading = std::max(around.leading, continuation.leading());
     around.nearest_front = std::max(around.nearest_front, continuation.nearest_front());
-    return continuation.weight();
   };
-  const auto look = [&](int column, int row) {
-    const bool outside = column < 0 || column >= size[0] || row < 0 || row >= size[1];
-    return outside ? EdgeNeighbors::kOutside : continuation_at(column, row);
-  };
-  continuation_at(x, y);
-  around.weight[0][kEdgeReach] = around.weight[1][kEdgeReach] = fragment.channel[kWeight];
-  for (int step = -kEdgeReach; step <= kEdgeReach; ++step) {
-    if (step == 0) continue;
-    around.weight[0][kEdgeReach + step] = look(x + step, y);
-    around.weight[1][kEdgeReach + step] = look(x, y + step);
+  look(x, y);
+  for (int step = 1; step <= kReach; ++step) {
+    look(x - step, y);
+    look(x + step, y);
+    look(x, y - step);
+    look(x, y + step);
   }
   return around;
+}
+
+/// Adds up the sums of a surface's fragments in a pixel.
+class SurfaceSum {
+ public:
+  /// \param whole  The sum of a surface that hides others.
+  SurfaceSum(const SurfaceRange& range, float whole) : range_(range), whole_(whole) {}
+
+  void offer(float weight, float depth, bool front) {
+    if (front != range_.front) return;
+    if (depth >= range_.nearest) {
+      nearer_ += weight;
+    } else if (depth > range_.farthest) {
+      sum_ += weight;
+    }
+  }
+  /// Merged surfaces do not tell what they hold of it: it is taken to go on as in the pixel.
+  void offer_merged(float depth) {
+    if (depth > range_.farthest) sum_ = std::max(sum_, range_.sum);
+  }
+  /// What nearer surfaces hide may not have been drawn: it is taken to go on.
+  float sum() const { return nearer_ >= whole_ ? std::numeric_limits<float>::infinity() : sum_; }
+
+ private:
+  SurfaceRange range_;
+  float whole_;
+  float sum_ = 0;
+  float nearer_ = 0;  ///< The sum of nearer fragments of the side.
+};
+
+/// How a surface covers pixel (x, y) of a picture of some size.
+/// \param offer  Offers the fragments of a pixel to a SurfaceSum.
+template <class Offer>
+EdgeFilter::Edge edge_in_picture(const EdgeFilter& filter, const SurfaceRange& range, int x, int y,
+                                 const std::array<int, 2>& size, const Offer& offer) {
+  return filter.edge_of([&](int column, int row) {
+    SurfaceSum sum(range, kWholeSurface / filter.inv_mean());
+    offer(std::clamp(x + column - EdgeFilter::kReach, 0, size[0] - 1),
+          std::clamp(y + row - EdgeFilter::kReach, 0, size[1] - 1), sum);
+    return std::min(1.0F, sum.sum() * filter.inv_mean());
+  });
+}
+
+/// Offers the fragments of a pixel of a tile, by its place in the picture.
+template <class Taker>
+void offer_fragments(const TileABuffer& tile, int x, int y, Taker& taker) {
+  const auto pixel = static_cast<std::size_t>(tile_pixel(x - tile.x0, y - tile.y0));
+  for (int layer = 0; layer < tile.layout.layers; ++layer) {
+    const float* channel = tile.fragment(layer, pixel);
+    const float weight = channel[kWeight * kPatchPixels];
+    if (weight == 0) break;
+    const float depth = channel[kDepth * kPatchPixels];
+    if (weight < 0) {
+      taker.offer_merged(depth);
+    } else {
+      taker.offer(weight, depth / weight, shows_front(channel[kTag * kPatchPixels]));
+    }
+  }
 }
 
 }  // namespace
 
 bool may_be_at_edge(const TileABuffer& tile, const Fragment& fragment) {
-  return !is_merged(fragment) && fragment.channel[kWeight] < tile.edge_weight &&
-         is_filtered(fragment.channel[kTag]);
+  return tile.edge_filter && !is_merged(fragment) &&
+         fragment.channel[kWeight] < tile.inside_weight && is_filtered(fragment.channel[kTag]);
 }
 
 bool sees_other_tiles(const TileABuffer& tile, int pixel) {
@@ -117,43 +172,16 @@ bool sees_other_tiles(const TileABuffer& tile, int pixel) {
 }
 
 EdgeNeighbors look_around(const TileABuffer& tile, const Fragment& fragment, int pixel) {
-  const auto offer = [&](int x, int y, Continuation& continuation) {
-    const auto other = static_cast<std::size_t>(tile_pixel(x - tile.x0, y - tile.y0));
-    for (int layer = 0; layer < tile.layout.layers; ++layer) {
-      const float* channel = tile.fragment(layer, other);
-      const float weight = channel[kWeight * kPatchPixels];
-      if (weight == 0) break;
-      const float depth = channel[kDepth * kPatchPixels];
-      if (weight < 0) {
-        continuation.offer_merged(depth);
-      } else {
-        continuation.offer(weight, depth / weight, shows_front(channel[kTag * kPatchPixels]));
-      }
-    }
-  };
-  return sums_around(fragment, tile.x0 + tile_pixel_x(pixel), tile.y0 + tile_pixel_y(pixel),
-                     {tile.picture_width, tile.picture_height}, offer);
+  return continued_around(
+      fragment, tile.x0 + tile_pixel_x(pixel), tile.y0 + tile_pixel_y(pixel),
+      {tile.picture_width, tile.picture_height},
+      [&](int x, int y, Continuation& continuation) { offer_fragments(tile, x, y, continuation); });
 }
 
-float edge_of(const TileABuffer& tile, const Fragment& fragment, const EdgeNeighbors& around) {
-  // The sums beyond an edge, by tau: 1 where they are less than the first, 0 where they are more
-  // than kInsideShare. Inside a surface they are above it, where its discs just close, too.
-  constexpr float kBeyondEdge = 1.0F / 6;
-  // Where both sides have more than this many times the sum, there is a gap, not an edge.
-  constexpr float kGap = 1.2F;
-  const float weight = fragment.channel[kWeight];
-  float least = weight;
-  for (const auto& [left2, left, middle, right, right2] : around.weight) {
-    if (std::min(std::max(left, left2), std::max(right, right2)) > kGap * weight) return 0;
-    const auto end = [&](float far, float near, float before, float before2) {
-      if (far >= 0) return far;
-      if (near >= 0) return before > near ? near * near / before : near;
-      return before2 > weight ? weight * weight / before2 : weight;
-    };
-    least = std::min({least, end(left2, left, right, right2), end(right2, right, left, left2)});
-  }
-  return std::clamp((kInsideShare - least / tile.full_weight) / (kInsideShare - kBeyondEdge), 0.0F,
-                    1.0F);
+EdgeFilter::Edge edge_around(const TileABuffer& tile, const SurfaceRange& range, int pixel) {
+  return edge_in_picture(*tile.edge_filter, range, tile.x0 + tile_pixel_x(pixel),
+                         tile.y0 + tile_pixel_y(pixel), {tile.picture_width, tile.picture_height},
+                         [&](int x, int y, SurfaceSum& sum) { offer_fragments(tile, x, y, sum); });
 }
 
 void TileRims::begin(const Camera& camera, const Band& band, int layers) {
@@ -185,21 +213,18 @@ void TileRims::begin(const Camera& camera, const Band& band, int layers) {
 }
 
 TileRims::Place TileRims::place_of(int x, int y) const {
-  constexpr int kNone = kPatches;
-  constexpr std::array<std::uint8_t, kTilePixels / kPatchPixels> kPlaces{
-      0, 1, 2, 3, 4, kNone, kNone, 5, 6, kNone, kNone, 7, 8, 9, 10, 11};
   const int pixel = tile_pixel(x % kTileSize, y % kTileSize);
-  return {tile_of(x / kTileSize, y / kTileSize) * kPatches + kPlaces[pixel / kPatchPixels],
+  return {tile_of(x / kTileSize, y / kTileSize) * kPatches + pixel / kPatchPixels,
           static_cast<std::size_t>(pixel % kPatchPixels)};
 }
 
 void TileRims::store(const TileABuffer& tile, TileInside inside) {
-  constexpr int kFar = kTileSize - kStripWidth;
-  inside_[tile_of(tile.x0 / kTileSize, tile.y0 / kTileSize)] = inside;
+  const std::size_t number = tile_of(tile.x0 / kTileSize, tile.y0 / kTileSize);
+  inside_[number] = inside;
   const std::size_t stride = tile.layout.layer_stride();
-  const auto store_patch = [&](int x, int y) {
-    const std::size_t patch = place_of(tile.x0 + x, tile.y0 + y).patch;
-    const float* const first = tile.fragment(0, static_cast<std::size_t>(tile_pixel(x, y)));
+  for (std::size_t k = 0; k < kPatches; ++k) {
+    const std::size_t patch = number * kPatches + k;
+    const float* const first = tile.fragment(0, k * kPatchPixels);
     int used = 0;
     if (inside != TileInside::kNo) {
       used = 1;
@@ -213,29 +238,39 @@ void TileRims::store(const TileABuffer& tile, TileInside inside) {
       sign_weights(from, weights_[to].data());
       std::copy_n(from + kDepth * kPatchPixels, kPatchPixels, depths_[to].begin());
     }
-  };
-  for (int x = 0; x < kTileSize; x += kStripWidth) {
-    for (int y = 0; y < kTileSize; y += x == 0 || x == kFar ? kStripWidth : kFar) store_patch(x, y);
+  }
+}
+
+/// Offers the fragments of a pixel near a tile's border.
+template <class Taker>
+void TileRims::offer_fragments(int x, int y, Taker& taker) const {
+  const auto [patch, pixel] = place_of(x, y);
+  const int used = used_[patch];
+  for (int layer = 0; layer < used; ++layer) {
+    const std::size_t place = layer * layer_stride_ + patch;
+    const float weight = weights_[place][pixel];
+    if (weight == 0) break;
+    const float depth = depths_[place][pixel];
+    if (std::isinf(weight)) {
+      taker.offer_merged(depth);
+    } else {
+      taker.offer(std::abs(weight), depth / std::abs(weight), weight > 0);
+    }
   }
 }
 
 EdgeNeighbors TileRims::look_around(const Fragment& fragment, int x, int y) const {
-  const auto offer = [&](int column, int row, Continuation& continuation) {
-    const auto [patch, pixel] = place_of(column, row);
-    const int used = used_[patch];
-    for (int layer = 0; layer < used; ++layer) {
-      const std::size_t place = layer * layer_stride_ + patch;
-      const float weight = weights_[place][pixel];
-      if (weight == 0) break;
-      const float depth = depths_[place][pixel];
-      if (std::isinf(weight)) {
-        continuation.offer_merged(depth);
-      } else {
-        continuation.offer(std::abs(weight), depth / std::abs(weight), weight > 0);
-      }
-    }
-  };
-  return sums_around(fragment, x, y, {width_, height_}, offer);
+  return continued_around(fragment, x, y, {width_, height_},
+                          [&](int column, int row, Continuation& continuation) {
+                            offer_fragments(column, row, continuation);
+                          });
+}
+
+EdgeFilter::Edge TileRims::edge_around(const EdgeFilter& filter, const SurfaceRange& range, int x,
+                                       int y) const {
+  return edge_in_picture(
+      filter, range, x, y, {width_, height_},
+      [&](int column, int row, SurfaceSum& sum) { offer_fragments(column, row, sum); });
 }
 
 /// Whether the tile of a pixel lies inside a surface and so do the tiles that the pixel sees.
@@ -246,18 +281,18 @@ bool TileRims::inside_goes_on(int x, int y) const {
     return column >= 0 && column < width_ && row >= 0 && row < height_ &&
            inside_[tile_of(column / kTileSize, row / kTileSize)] == inside;
   };
-  return same(x - kEdgeReach, y) && same(x + kEdgeReach, y) && same(x, y - kEdgeReach) &&
-         same(x, y + kEdgeReach);
+  return same(x - kEdgeReach, y - kEdgeReach) && same(x + kEdgeReach, y - kEdgeReach) &&
+         same(x - kEdgeReach, y + kEdgeReach) && same(x + kEdgeReach, y + kEdgeReach);
 }
 
 float TileRims::coverage_change(const TileABuffer& weights, const LoneFragment& lone) const {
   if (inside_goes_on(lone.x, lone.y)) return 1;
-  Fragment fragment{};
-  fragment.channel[kWeight] = lone.weight;
-  fragment.channel[kDepth] = lone.depth;
-  fragment.channel[kTag] = lone.tag;
-  const float edge = edge_of(weights, fragment, look_around(fragment, lone.x, lone.y));
-  return weights.coverage(fragment, edge) / weights.coverage(fragment, 0);
+  constexpr float kInfinity = std::numeric_limits<float>::infinity();
+  const SurfaceRange all{shows_front(lone.tag), kInfinity, -kInfinity, lone.weight};
+  const EdgeFilter& filter = *weights.edge_filter;
+  const auto [degree, coverage] = edge_around(filter, all, lone.x, lone.y);
+  const float inside = std::min(1.0F, lone.weight / weights.full_weight);
+  return 1 + degree * (coverage / inside - 1);
 }
 
 void OpenPixels::add_lone(const TileABuffer& tile,
@@ -267,8 +302,7 @@ void OpenPixels::add_lone(const TileABuffer& tile,
       const auto pixel = static_cast<int>(patch * kPatchPixels) + std::countr_zero(left);
       const float* channel = tile.fragment(0, static_cast<std::size_t>(pixel));
       lone.push_back({tile.x0 + tile_pixel_x(pixel), tile.y0 + tile_pixel_y(pixel),
-                      channel[kWeight * kPatchPixels], channel[kDepth * kPatchPixels],
-                      channel[kTag * kPatchPixels]});
+                      channel[kWeight * kPatchPixels], channel[kTag * kPatchPixels]});
     }
   }
 }

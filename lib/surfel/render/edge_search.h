@@ -11,24 +11,32 @@
 
 #include <surfel/base/types.h>
 #include <surfel/render/a_buffer.h>
+#include <surfel/render/edge_filter.h>
 #include <surfel/render/frame.h>
 
 namespace surfel {
 
 /// How far edges are looked for, along columns and rows, pixels.
-inline constexpr int kEdgeReach = 2;
+inline constexpr int kEdgeReach = EdgeFilter::kReach;
 
-/// The sums of rho of the fragments that continue a fragment in the pixels around it.
+/// The fragments that continue a fragment in the pixels around it.
 struct EdgeNeighbors {
-  static constexpr float kOutside = -1;  ///< The pixel is outside of the picture.
-
-  /// By distance + kEdgeReach, along the row and along the column.
-  std::array<std::array<float, 2 * kEdgeReach + 1>, 2> weight;
   /// The largest sum of a fragment that continues it, or of itself, where nothing is nearer; 0 if
   /// something always is.
   float leading;
   /// Depth of the nearest front-facing fragment of all these pixels; -infinity if there is none.
   float nearest_front;
+};
+
+/// A fragment with more than this share of the mean sum is a surface of its own.
+inline constexpr float kWholeSurface = 0.85F;
+
+/// The fragments of one side of a surface in the pixels around one: of all depths between two, as
+/// Splat::depth, larger is nearer.
+struct SurfaceRange {
+  bool front;
+  float nearest, farthest;
+  float sum;  ///< In the pixel itself.
 };
 
 /// Whether a fragment's surface may end at its pixel, so that the pixels around have to be looked
@@ -38,12 +46,12 @@ bool may_be_at_edge(const TileABuffer& tile, const Fragment& fragment);
 /// Whether pixels around a pixel of a tile belong to other tiles.
 bool sees_other_tiles(const TileABuffer& tile, int pixel);
 
-/// The sums around a fragment of a pixel that sees no other tile.
+/// What continues a fragment around a pixel that sees no other tile.
 EdgeNeighbors look_around(const TileABuffer& tile, const Fragment& fragment, int pixel);
 
-/// The degree to which an unmerged fragment's pixel is at the edge of its surface, 0 to 1. Outside
-/// of the picture the sums are taken to go on as they came.
-float edge_of(const TileABuffer& tile, const Fragment& fragment, const EdgeNeighbors& around);
+/// How a surface covers a pixel that sees no other tile. Beyond the picture its sums go on as they
+/// are at the border.
+EdgeFilter::Edge edge_around(const TileABuffer& tile, const SurfaceRange& range, int pixel);
 
 /// Tiles that show one side of one surface in all their pixels, whose sums of rho are all at least
 /// kInsideShare of tau: no edge is seen where the tiles around show the same side in the same way.
@@ -51,20 +59,23 @@ enum class TileInside : std::uint8_t { kNo, kFront, kBack };
 
 /// The only fragment of a pixel near a tile's border, which may be at an edge.
 struct LoneFragment {
-  int x, y;                  ///< The pixel in the picture.
-  float weight, depth, tag;  ///< Channels of the A-buffer.
+  int x, y;           ///< The pixel in the picture.
+  float weight, tag;  ///< Channels of the A-buffer.
 };
 
-/// The fragments near the borders of a band's tiles, and of the last row of tiles of the band
-/// before. Tiles may be stored at once; nothing is stored while others read.
+/// The fragments of a band's tiles, and of the last row of tiles of the band before. Tiles may be
+/// stored at once; nothing is stored while others read.
 class TileRims {
  public:
   /// Begins a band of a picture, of which no later one has more rows than the first.
   void begin(const Camera& camera, const Band& band, int layers);
   void store(const TileABuffer& tile, TileInside inside);
 
-  /// The sums around a fragment of a picture's pixel within kEdgeReach of a tile's border.
+  /// What continues a fragment around a picture's pixel within kEdgeReach of a tile's border.
   EdgeNeighbors look_around(const Fragment& fragment, int x, int y) const;
+  /// How a surface covers such a pixel.
+  EdgeFilter::Edge edge_around(const EdgeFilter& filter, const SurfaceRange& range, int x,
+                               int y) const;
   /// Ratio of a lone fragment's coverage to the coverage that it would have away from edges.
   /// \param weights tau and the weight at edges of the picture.
   float coverage_change(const TileABuffer& weights, const LoneFragment& lone) const;
@@ -77,13 +88,14 @@ class TileRims {
     std::size_t patch;
     std::size_t pixel;  ///< Place of the pixel in the patch.
   };
-  /// Patches of a tile that are stored: all but the four in its middle.
-  static constexpr int kPatches = 12;
+  static constexpr int kPatches = kTilePixels / kPatchPixels;
 
   std::size_t tile_of(int tile_x, int tile_y) const {
     return static_cast<std::size_t>(tile_y - first_row_) * tiles_x_ + tile_x;
   }
   Place place_of(int x, int y) const;
+  template <class Taker>
+  void offer_fragments(int x, int y, Taker& taker) const;
   bool inside_goes_on(int x, int y) const;
 
   int width_ = 0, height_ = 0;  ///< Size of the picture, pixels.

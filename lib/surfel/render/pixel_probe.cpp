@@ -439,10 +439,15 @@ bool PixelProbe::settle(Replay& r, const Event& event, std::span<const float> pa
   };
   if (changed.size() == 2) {
     // Two layers have become one, and the event has taken the other's place.
-    const bool swapped = after[static_cast<std::size_t>(changed[1])].channel[kWeight] < 0;
+    const auto weight_at = [&](int k) {
+      return after[static_cast<std::size_t>(changed[static_cast<std::size_t>(k)])].channel[kWeight];
+    };
+    const bool summed = weight_at(0) > 0 && weight_at(1) > 0;
+    const bool swapped = summed ? weight_at(0) == event.rho() : weight_at(1) < 0;
     const int into = changed[swapped ? 1 : 0];
     const int freed = changed[swapped ? 0 : 1];
-    const std::array<double, 3> parts = parts_of(r, event, patch, again, into, freed);
+    std::array<double, 3> parts{1, 1, 1};
+    if (!summed) parts = parts_of(r, event, patch, again, into, freed);
     std::vector<Member> merged;
     append(merged, members_at(into), parts[0]);
     append(merged, members_at(freed), parts[1]);
@@ -566,7 +571,12 @@ Rgba PixelProbe::resolved(std::span<const float> patch, const Fragment& behind,
   TileABuffer tile = kept_tile_;
   tile.data = state_.data();
   tile.shader = &unlit_;
-  std::copy(patch.begin(), patch.end(), patch_of(tile));
+  // The pixels around keep their sums, which tell what the pixel's surfaces cover.
+  float* const to = patch_of(tile);
+  for (std::size_t i = static_cast<std::size_t>(pixel_) % kPatchPixels; i < patch.size();
+       i += kPatchPixels) {
+    to[i] = patch[i];
+  }
   if (plain_) {
     // A back that covers the pixel is no far side here.
     const PlainPixels plain = resolve_plain_pixels(tile, nullptr, {});

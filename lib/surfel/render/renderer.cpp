@@ -90,13 +90,18 @@ struct Renderer::Impl {
   std::vector<SplatLists> lists;  ///< Parallel to Compositor::lists().
   /// A-buffers of all tiles of a band, where it takes several batches.
   Array<float> a_buffer;
-  TileRims rims;                      ///< Borders of all tiles of a band.
-  NearnessPicture nearness;           ///< Of pictures with relief.
+  TileRims rims;             ///< Borders of all tiles of a band.
+  NearnessPicture nearness;  ///< Of pictures with relief.
+  EdgeFilter edge_filter;
   std::optional<EdgeCoverage> edges;  ///< Of opaque pictures.
   PixelProbe* probe = nullptr;        ///< Null: no pixel is explained.
 
   Impl(ClusterStore& st, const Scene& sc, const RenderOptions& o)
-      : store(st), cloud(st.cloud()), scene(sc), options(o) {
+      : store(st),
+        cloud(st.cloud()),
+        scene(sc),
+        options(o),
+        edge_filter(o.cutoff, o.filter_deviation()) {
     require_usable(options);
     require_usable(scene);
     const CompositingMethod& method = options.compositing();
@@ -112,10 +117,9 @@ struct Renderer::Impl {
                          .opaque = opaque,
                          .clips = cloud.has_clips()};
     set_weights();
-    // A threshold of one's own says by itself what is covered.
     if (opaque && compositor->sums_are_whole() && options.filter == Filter::kEwa &&
         !options.coverage_threshold) {
-      edges.emplace(options.cutoff, options.lowpass, blank_tile.full_weight);
+      edges.emplace(edge_filter, options.lowpass, blank_tile.full_weight);
     }
     blank_tile.edges_later = edges.has_value();
     for (SplatListOptions list : compositor->lists()) {
@@ -160,6 +164,10 @@ void Renderer::Impl::set_weights() {
   blank_tile.full_weight = full;
   blank_tile.mean_weight = options.coverage_threshold ? full : mean;
   blank_tile.edge_weight = options.coverage_threshold ? full : mean - (mean - full) / 4;
+  blank_tile.inside_weight =
+      blank_tile.layout.opaque ? blank_tile.edge_weight : kOneSurface * blank_tile.mean_weight;
+  // A threshold of one's own says by itself what is covered.
+  if (!options.coverage_threshold) blank_tile.edge_filter = &edge_filter;
 }
 
 /// Rows to draw of which the camera's rows depend: pixels look at those around them to find edges
