@@ -1,7 +1,6 @@
 // surfel-render: pictures of surfels by EWA splatting, and the truths to measure them against.
 
 #include <algorithm>
-#include <filesystem>
 #include <memory>
 #include <optional>
 #include <string>
@@ -13,7 +12,6 @@
 #include <surfel/base/error.h>
 #include <surfel/base/output_file.h>
 #include <surfel/base/progress.h>
-#include <surfel/base/resume_journal.h>
 #include <surfel/base/timing.h>
 #include <surfel/io/coordinate_file.h>
 #include <surfel/io/file_kind.h>
@@ -31,6 +29,7 @@
 #include "tools/render/frame_report.h"
 #include "tools/render/gaussians.h"
 #include "tools/render/light.h"
+#include "tools/render/made_by.h"
 #include "tools/render/painters.h"
 #include "tools/render/pixel_report.h"
 #include "tools/render/settings.h"
@@ -287,6 +286,8 @@ std::vector<std::string> draw(surfel::tool::Tool& tool, const Settings& s, Subje
     if (s.tiles) {
       options = surfel::part_options(*s.tiles, image.height, s.made_by, options);
       image = surfel::part_of(image, *s.tiles);
+    } else if (says_made_by(s) && step + 1 == steps.size()) {
+      mark_picture(s, shot.number, options);
     }
     queue.write(std::move(image), shot.file, std::move(options));
     progress(1);
@@ -297,18 +298,6 @@ std::vector<std::string> draw(surfel::tool::Tool& tool, const Settings& s, Subje
   }
   tool.report()["frames"] = frames;
   return files;
-}
-
-/// The command, and the content of the files that it reads, by which parts of one picture are
-/// known.
-std::string made_by(surfel::tool::Tool& tool) {
-  std::string text = tool.provenance();
-  for (const std::string& input : tool.files().inputs()) {
-    if (input == surfel::tool::shown_name("-") || input == tool.app().config_file()) continue;
-    const std::string name = input.substr(input.rfind('/') + 1);
-    text += fmt::format(" [{}: {}]", name, surfel::content_mark(input));
-  }
-  return text;
 }
 
 /// Says what was written.
@@ -348,10 +337,10 @@ int main(int argc, char** argv) {
     const bool leads = !ranks || ranks->rank() == 0;
     surfel::Scene scene = load_scene(tool, s);
     const std::vector<AskedView> asked = asked_views(s);
-    if (s.tiles) s.made_by = made_by(tool);
+    if (s.tiles || says_made_by(s)) s.made_by = made_by(tool, s);
     std::optional<surfel::tool::Movie> movie;
     if (wants_film(s)) {
-      if (s.skip_existing && std::filesystem::exists(s.output)) {
+      if (s.skip_existing && film_is_made(s)) {
         tool.note(s.output + " is there already");
         return;
       }
@@ -383,7 +372,7 @@ int main(int argc, char** argv) {
     std::vector<std::string> files = draw(tool, s, subject, scene, steps, views, shots, ranks);
     if (!leads) return;
     if (movie) {
-      movie->join();
+      movie->join(s.skip_existing ? film_mark(s) : "");
       files = {s.output};
     }
     const surfel::Camera& first = views[shots.front().number].camera;

@@ -76,6 +76,7 @@ const std::vector<Section>& sections() {
         {"surfel-render ball.ply --quiet -o nowhere/out.png", "nowhere/out.png"},
         {"surfel-convert ball.ply -o folder.ply", "folder.ply"},
         {"surfel-convert ball.ply -o cut.ply --no-clobber", "cut.ply"},
+        {"surfel-render ball.ply --skip-existing -o picture.png", "picture.png"},
         {"surfel-render ball.ply --turntable 4 --quiet -o out.png", "out.png"},
         {"surfel-render ball.ply --tiles 1/2 -o out.png", "out.png"},
         {"surfel-convert ball.ply --sort curve -o out.pcd", "out.pcd"},

@@ -111,15 +111,15 @@ TEST(Views, PicturesAreNamedSelectedAndSkipped) {
   RunResult result = make({"--frames", "1-2"});
   EXPECT_EQ(result.exit_code, 0) << result.errors;
   EXPECT_EQ(entries(folder / "out"), (Words{"1.png", "2.png"}));
-  write_text(folder / "out/1.png", "kept");
+  const auto time = std::filesystem::last_write_time(folder / "out/1.png");
   result = make({"--skip-existing"});
   EXPECT_EQ(result.exit_code, 0) << result.errors;
   EXPECT_TRUE(contains(result.errors, "2 of 4 pictures are there already")) << result.errors;
   EXPECT_EQ(entries(folder / "out").size(), 4U);
-  EXPECT_EQ(read_text(folder / "out/1.png"), "kept");
-  // With nothing to be made the surfels are not even read.
-  std::filesystem::remove(folder / "ball.ply");
-  EXPECT_EQ(make({"--skip-existing"}).exit_code, 0);
+  EXPECT_EQ(std::filesystem::last_write_time(folder / "out/1.png"), time);
+  result = make({"--skip-existing"});
+  EXPECT_EQ(result.exit_code, 0) << result.errors;
+  EXPECT_TRUE(contains(result.errors, "4 of 4 pictures are there already")) << result.errors;
 
   result = make({"--frames", "2-7"});
   EXPECT_EQ(result.exit_code, 2);
@@ -130,6 +130,86 @@ TEST(Views, PicturesAreNamedSelectedAndSkipped) {
   EXPECT_TRUE(contains(result.errors, "--fov has no effect")) << result.errors;
   EXPECT_EQ(make({"--up", "auto"}).exit_code, 2);
   EXPECT_EQ(make({"--original-world"}).exit_code, 1);
+}
+
+/// Has surfel-render make `file` with --skip-existing.
+RunResult skip_existing(const TemporaryFolder& folder, const std::string& file,
+                        const Words& more = {}) {
+  Words words{"--size", "32", "--skip-existing", "-o", folder / file};
+  words.insert(words.end(), more.begin(), more.end());
+  return render(folder, words);
+}
+
+/// The picture of other content, or of other options, is refused, stays, and is told from the one
+/// asked for by `parts` of the message.
+void expect_refused(const RunResult& result, const Words& parts) {
+  EXPECT_EQ(result.exit_code, 1) << result.errors;
+  for (const std::string& part : parts) {
+    EXPECT_TRUE(contains(result.errors, part)) << part << ": " << result.errors;
+  }
+}
+
+TEST(Views, PicturesOfAnotherContentAreNotSkipped) {
+  const TemporaryFolder folder;
+  make_ball(folder);
+  const Words turn{"--turntable", "3"};
+  ASSERT_EQ(render(folder, {"--size", "32", "--turntable", "3", "-o", folder / "%d.png"}).exit_code,
+            0);
+  EXPECT_EQ(skip_existing(folder, "%d.png", turn).exit_code, 0);
+  // Threads make no difference, other options do.
+  EXPECT_EQ(
+      skip_existing(folder, "%d.png", {"--turntable", "3", "--threads", "1", "--frames", "1-2"})
+          .exit_code,
+      0);
+  expect_refused(skip_existing(folder, "%d.png", {"--turntable", "3", "--cutoff", "2"}),
+                 {"0.png: was made by \"surfel-render ", "--turntable 3 [ball.ply: ",
+                  "not by \"surfel-render ", "--turntable 3 --cutoff 2 [ball.ply: ", "move it"});
+  // A picture under the name of another.
+  std::filesystem::rename(folder / "2.png", folder / "1.png");
+  expect_refused(skip_existing(folder, "%d.png", turn), {"1.png", "[picture 2]", "[picture 1]"});
+  EXPECT_FALSE(std::filesystem::exists(folder / "2.png"));
+  // Other content under the same name.
+  const std::string before = read_text(folder / "0.png");
+  ASSERT_EQ(run({tool("surfel-generate"), "sphere", "--count", "2001", "-o", folder / "ball.ply"})
+                .exit_code,
+            0);
+  expect_refused(skip_existing(folder, "%d.png", turn), {"0.png: was made by ", "[ball.ply: "});
+  EXPECT_TRUE(read_text(folder / "0.png") == before);
+  // Files of other programs, and what has no content that stays.
+  write_text(folder / "0.png", "anything");
+  expect_refused(skip_existing(folder, "%d.png", turn), {"0.png: does not say what made it"});
+  EXPECT_EQ(run({tool("surfel-render"), "-", "--skip-existing", "-o", folder / "a.png"},
+                {.input = folder / "ball.ply"})
+                .exit_code,
+            2);
+}
+
+TEST(Views, SinglePicturesAndFilmsAreSkippedWhereTheirFormatCanSayWhatTheyAre) {
+  const TemporaryFolder folder;
+  make_ball(folder);
+  const std::string second = folder / "it's <a> & b.ply";
+  std::filesystem::copy_file(folder / "ball.ply", second);
+  Words names{"a.png", "a.exr", "a.tif", "a.jpg"};
+  if (!find_program("ffmpeg").empty()) names.insert(names.end(), {"a.mp4", "a.gif"});
+  for (const std::string& name : names) {
+    const bool film = contains(name, ".mp4") || contains(name, ".gif");
+    const Words words = film ? Words{second, "--turntable", "2"} : Words{second};
+    EXPECT_EQ(skip_existing(folder, name, words).exit_code, 0) << name;
+    const RunResult again = skip_existing(folder, name, words);
+    if (name == "a.gif") {
+      expect_refused(again, {name + ": does not say what made it"});
+      continue;
+    }
+    EXPECT_EQ(again.exit_code, 0) << again.errors;
+    EXPECT_TRUE(contains(again.errors, "already")) << again.errors;
+    if (name != "a.png" && name != "a.mp4") continue;
+    Words other = words;
+    other.insert(other.end(), {"--cutoff", "2"});
+    expect_refused(skip_existing(folder, name, other), {name + ": was made by", "--cutoff 2"});
+  }
+  // Any other single picture has the bytes of whatever makes it.
+  ASSERT_EQ(render(folder, {"--size", "32", "-o", folder / "b.png"}).exit_code, 0);
+  EXPECT_FALSE(contains(read_text(folder / "b.png"), "ball.ply"));
 }
 
 /// Comparing each with all others takes minutes.
@@ -350,6 +430,22 @@ TEST(Views, FilmsAreMadeWholeOrNotAtAll) {
            "--turntable", "2", "--size", "32", "-o", folder / "b.mp4"});
   EXPECT_EQ(failed.exit_code, 1);
   EXPECT_TRUE(contains(failed.errors, "no such codec")) << failed.errors;
+  EXPECT_EQ(entries(folder / "").size(), 6U);
+  // What a film leaves that is killed, as by a second Ctrl+C, the next one removes.
+  const auto pictures_lie_there = [&] {
+    const Words names = entries(folder / "");
+    return std::any_of(names.begin(), names.end(),
+                       [](const std::string& name) { return contains(name, ".c.mp4.frames-"); });
+  };
+  const RunResult killed = run({tool("surfel-render"), folder / "ball.ply", "--turntable", "9999",
+                                "--size", "99", "-o", folder / "c.mp4"},
+                               {.meanwhile = [&](pid_t process) {
+                                 wait_until(pictures_lie_there);
+                                 kill(process, SIGKILL);
+                               }});
+  EXPECT_EQ(killed.signal, SIGKILL);
+  EXPECT_TRUE(pictures_lie_there());
+  EXPECT_EQ(film("a.gif", {}).exit_code, 0);
   EXPECT_EQ(entries(folder / "").size(), 6U);
 }
 

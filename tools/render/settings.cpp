@@ -69,10 +69,10 @@ void declare_camera(tool::CommandLine& app, Settings& s) {
   add_text(app, "--frames", "A-B", "",
            "Of several pictures those from number A to number B, the first of which is 0",
            [&s](const std::string& text) { s.frames = parse_range("--frames", text); });
-  app.add_flag(
-      "--skip-existing", s.skip_existing,
-      "Leave pictures alone that are there already; parts of pictures where the same command "
-      "made them");
+  app.add_flag("--skip-existing", s.skip_existing,
+               "Leave pictures alone that the same command made of files of the same content; "
+               "other pictures "
+               "of their names are refused, parts of pictures made again");
   add_text(app, "--tiles", "I/N", "",
            "The I-th of N parts of each picture, 1 the uppermost, as EXR: surfel-join makes one "
            "picture of all parts, which has the bytes that it has when it is made in one",

@@ -46,7 +46,7 @@ struct Settings {
   bool resize = false;  ///< The size was given, so that known views are scaled to it.
   std::optional<std::array<std::size_t, 2>> frames;  ///< First and last picture; unset: all.
   bool skip_existing = false;
-  std::string made_by;              ///< Of --tiles: the command and the content of what it reads.
+  std::string made_by;  ///< The command and the content of what it reads, where pictures say so.
   std::optional<PartNumber> tiles;  ///< The part of each picture to be made; unset: all of it.
   std::string scene_file;
   Refractions refraction = Refractions::kScene;

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <filesystem>
 #include <limits>
 #include <string_view>
 
@@ -13,6 +12,8 @@
 #include <surfel/scene/camera_path.h>
 #include <surfel/scene/map_place.h>
 #include <surfel/scene/view.h>
+
+#include "tools/render/made_by.h"
 
 namespace surfel::render_tool {
 
@@ -146,13 +147,6 @@ Camera camera_of(const AskedView& view, const SceneExtent& scene) {
   return view.known ? view.known->camera : make_camera(view.options, scene);
 }
 
-/// Is a picture there already, or this part of it, made by the same command?
-bool is_made(const Settings& s, const std::string& file) {
-  std::error_code none;
-  if (!std::filesystem::exists(file, none)) return false;
-  return !s.tiles || part_is_there(file, *s.tiles, s.made_by);
-}
-
 }  // namespace
 
 bool is_pattern(const std::string& name) {
@@ -212,7 +206,7 @@ std::vector<Shot> asked_shots(const tool::Tool& tool, const Settings& s, const s
     // Films are joined from pictures that are numbered from 0 on.
     const std::size_t number = wants_film(s) ? i - first : i;
     const std::string file = picture_name(output, number, names[s.path ? 0 : i / turns]);
-    if (s.skip_existing && is_made(s, file)) continue;
+    if (s.skip_existing && picture_is_made(s, file, i)) continue;
     shots.push_back({i, file});
   }
   if (const std::size_t skipped = last - first + 1 - shots.size(); skipped > 0) {

@@ -36,7 +36,8 @@ struct Shot {
 };
 
 /// The pictures to be made: --frames leaves some out, and pictures that are there already may be
-/// skipped. Throws Error(kUsage) where there are several and one file.
+/// skipped. Throws Error(kUsage) where there are several and one file, Error(kInput) where
+/// another picture is there.
 /// \param output  the picture, or a pattern of their names.
 std::vector<Shot> asked_shots(const tool::Tool& tool, const Settings& s, const std::string& output,
                               const std::vector<AskedView>& views);

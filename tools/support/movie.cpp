@@ -137,26 +137,29 @@ void Movie::take(const std::vector<std::string>& pictures) {
   }
 }
 
-std::vector<std::string> Movie::command(const std::string& pictures,
-                                        const std::string& film) const {
+std::vector<std::string> Movie::command(const std::string& pictures, const std::string& film,
+                                        const std::string& comment) const {
   std::vector<std::string> words{"ffmpeg", "-y",         "-loglevel",
                                  "error",  "-framerate", fmt::format("{}", pictures_a_second_),
                                  "-i",     pictures};
   for (std::string& word : encoder(lower_extension(film_))) words.push_back(std::move(word));
+  if (!comment.empty()) words.insert(words.end(), {"-metadata", "comment=" + comment});
   words.push_back(film);
   return words;
 }
 
-void Movie::join() {
+void Movie::join(const std::string& comment) {
   if (ffmpeg_.empty()) {
-    throw_io(film_, fmt::format("ffmpeg, which joins pictures, is not installed; they are in {}, "
-                                "and this joins them: {}",
-                                folder_,
-                                shell_command(command(
-                                    pattern(), film_.starts_with('-') ? "./" + film_ : film_))));
+    throw_io(film_,
+             fmt::format("ffmpeg, which joins pictures, is not installed; they are in {}, "
+                         "and this joins them: {}",
+                         folder_,
+                         shell_command(command(
+                             pattern(), film_.starts_with('-') ? "./" + film_ : film_, comment))));
   }
   OutputFile film(film_, no_clobber_);
-  std::vector<std::string> words = command(names(), fs::absolute(film.temporary()).string());
+  std::vector<std::string> words =
+      command(names(), fs::absolute(film.temporary()).string(), comment);
   words[0] = ffmpeg_;
   const ProcessResult result = run_process(words, folder_);
   if (result.exit_code != 0) {

@@ -29,11 +29,13 @@ class Movie {
   void take(const std::vector<std::string>& pictures);
   /// Joins the pictures, all of which have been written. Throws Error(kIo) with what ffmpeg says,
   /// or, where there is none, with the command that joins them.
-  void join();
+  /// \param comment  A text that MP4 and WebM hold as it is; empty: none.
+  void join(const std::string& comment = {});
 
  private:
   std::string names() const { return "%06d" + extension_; }
-  std::vector<std::string> command(const std::string& pictures, const std::string& film) const;
+  std::vector<std::string> command(const std::string& pictures, const std::string& film,
+                                   const std::string& comment) const;
 
   std::string film_;
   double pictures_a_second_;
