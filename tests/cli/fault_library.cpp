@@ -123,6 +123,12 @@ int fsync(int descriptor) {
   return fails("fsync") ? -1 : static_cast<int>(syscall(SYS_fsync, descriptor));
 }
 
+// By another name, as fcntl.h has a structure of this one.
+int lock_file(int descriptor, int operation) __asm__("flock");
+int lock_file(int descriptor, int operation) {
+  return fails("flock") ? -1 : static_cast<int>(syscall(SYS_flock, descriptor, operation));
+}
+
 int rename(const char* from, const char* to) {
   return fails("rename") ? -1
                          : static_cast<int>(syscall(SYS_renameat, AT_FDCWD, from, AT_FDCWD, to));

@@ -9,6 +9,7 @@
 #include <utility>
 
 #include <gtest/gtest.h>
+#include <surfel/base/process.h>
 
 #include "support/run_tool.h"
 #include "support/sanitized.h"
@@ -425,6 +426,32 @@ TEST_F(Faults, SignalsAtAnyTimeLeaveTheOlderOutputOrTheNewOne) {
       EXPECT_EQ(entries(folder_ / ""), before) << what;
     }
   }
+}
+
+/// Another process takes what is new for what a killed one left, and is about to remove it.
+TEST_F(Faults, WhatAnotherProcessLocksAsItIsMadeIsLeftToIt) {
+  make({kMakeMany});
+  const std::string seen = seen_ / "seen";
+  const auto run_locked = [&](const std::string& command, int number, int error) {
+    const RunResult result = run_here(command, fault({"flock", error}, number, seen));
+    EXPECT_EQ(result.exit_code, 0) << result.errors;
+    EXPECT_TRUE(fs::remove(seen)) << number;
+    std::size_t left = 0;
+    for (const std::string& name : entries(folder_ / "")) {
+      if (!name.starts_with('.')) continue;
+      ++left;
+      EXPECT_TRUE(fs::is_empty(folder_ / name)) << name;
+      fs::remove_all(folder_ / name);
+    }
+    return left;
+  };
+  EXPECT_EQ(run_locked("surfel-convert many.ply -o a.ply", 1, EWOULDBLOCK), 1U);
+  EXPECT_EQ(run_locked("surfel-convert many.ply -o a.ply", 1, ENOLCK), 0U);
+  if (find_program("ffmpeg").empty()) GTEST_SKIP() << "ffmpeg is not installed";
+  // The first lock is that of the film's own file.
+  const std::string film = "surfel-render many.ply --size 16 --turntable 2 -o a.mp4";
+  EXPECT_EQ(run_locked(film, 2, EWOULDBLOCK), 1U);
+  EXPECT_EQ(run_locked(film, 2, ENOLCK), 0U);
 }
 
 TEST_F(Faults, OfTwoWritersOfOneFileOneWins) {

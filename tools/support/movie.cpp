@@ -52,12 +52,14 @@ std::vector<std::string> encoder(const std::string& extension) {
 /// What names of temporary folders end with, of which the placeholders become letters.
 constexpr std::string_view kMark = ".frames-XXXXXX";
 
-/// Opens a folder and locks it, as long as it is open; -1 where another process has, or where it
-/// is none.
+/// Opens a folder and locks it, as long as it is open; -1, and errno, where another process has
+/// (EWOULDBLOCK), where it is none (ENOENT), or where the disk knows no locks.
 int lock_folder(const std::string& folder) {
   const int opened = open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC);
   if (opened < 0 || flock(opened, LOCK_EX | LOCK_NB) == 0) return opened;
+  const int error = errno;
   close(opened);
+  errno = error;
   return -1;
 }
 
@@ -81,7 +83,8 @@ void remove_abandoned(const fs::path& beside) {
 std::string temporary_folder(const std::string& film, int& lock) {
   const fs::path path(film);
   remove_abandoned(path.parent_path());
-  // Another process may take a folder for an abandoned one before it is locked.
+  // Another process may take a folder for an abandoned one before it is locked: it holds the lock,
+  // or has removed the folder.
   constexpr int kMostTries = 100;
   for (int i = 0; i < kMostTries; ++i) {
     std::string pattern =
@@ -90,9 +93,10 @@ std::string temporary_folder(const std::string& film, int& lock) {
       throw_io(film, std::string("no folder can be made beside it: ") + std::strerror(errno));
     }
     lock = lock_folder(pattern);
+    if (lock < 0 && errno != EWOULDBLOCK && errno != ENOENT) return pattern;
     struct stat status {};
-    if (lock < 0 || (fstat(lock, &status) == 0 && status.st_nlink > 0)) return pattern;
-    close(lock);
+    if (lock >= 0 && fstat(lock, &status) == 0 && status.st_nlink > 0) return pattern;
+    if (lock >= 0) close(lock);
   }
   throw_io(film, "no folder can be made beside it: other processes remove it");
 }

@@ -171,11 +171,11 @@ int create_temporary(std::string& path, mode_t mode) {
     const int descriptor = open(path.c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, mode);
     if (descriptor < 0 && errno == EEXIST) continue;
     if (descriptor < 0) return descriptor;
-    // Another process may have taken the new file for an abandoned one, before it was locked. File
-    // systems without locks have no abandoned ones.
+    // Another process may have taken the new file for an abandoned one, before it was locked: it
+    // holds the lock, or has removed the file. File systems without locks have no abandoned ones.
     struct stat status {};
-    lock(descriptor);
-    if (fstat(descriptor, &status) != 0 || status.st_nlink > 0) return descriptor;
+    const bool taken = !lock(descriptor) && errno == EWOULDBLOCK;
+    if (!taken && (fstat(descriptor, &status) != 0 || status.st_nlink > 0)) return descriptor;
     close(descriptor);
   }
   return -1;
