@@ -51,7 +51,7 @@ class Reader {
   SurfelCloud read(bool double_positions, const PointPlace& place);
   Array<Vec3f> positions(const PointPlace& place);
   /// Measures the points without keeping them.
-  PointPlace measure(bool double_positions);
+  PointPlace measure();
 
  private:
   /// Of each piece of the table.
@@ -86,9 +86,8 @@ class Reader {
   void add_columns();
   void add_remainders();
   bool counts_decimals() const { return table_.step == 0 && decoder_.double_positions(); }
-  PointPlace place_of(const Measures& measures, bool double_positions) const;
-  bool are_floats(bool double_positions) const;
-  bool leaves_remainders(const PointPlace& place, bool double_positions) const;
+  PointPlace place_of(const Measures& measures) const;
+  bool leaves_remainders(const PointPlace& place) const;
   void pass(std::span<const Column> columns, Measures* measures);
   SurfelCloud finished(bool double_positions, const PointPlace& place);
 
@@ -174,32 +173,27 @@ void Reader::add_remainders() {
   });
 }
 
-/// Are all coordinates floats, whatever type has them?
-bool Reader::are_floats(bool double_positions) const {
-  std::atomic<bool> all = true;
-  table_.for_pieces(kReadBlock, [&](std::size_t, std::size_t begin, std::size_t end,
-                                    const std::byte* records, int) {
-    if (all && !decoder_.are_floats(records, end - begin, !double_positions)) all = false;
-  });
-  return all;
-}
-
 /// Are there coordinates that offsets from the origin do not tell to the last bit?
-bool Reader::leaves_remainders(const PointPlace& place, bool double_positions) const {
+bool Reader::leaves_remainders(const PointPlace& place) const {
   if (!decoder_.double_positions() || place.bounds.empty()) return false;
   const double step = place.decimals ? 1 / power_of_ten(*place.decimals) : table_.step;
   if (step > 0) return !tells_apart(place.bounds, place.origin, step);
-  return !are_floats(double_positions);
+  std::atomic<bool> exact = true;
+  table_.for_pieces(kReadBlock, [&](std::size_t, std::size_t begin, std::size_t end,
+                                    const std::byte* records, int) {
+    if (exact && !decoder_.offsets_are_exact(records, end - begin, place.origin)) exact = false;
+  });
+  return !exact;
 }
 
-PointPlace Reader::place_of(const Measures& measures, bool double_positions) const {
+PointPlace Reader::place_of(const Measures& measures) const {
   const Bounds box = measures.box();
   require_float_extent(box, file_);
   const Bounds core = measures.core();
   if (core.diagonal() == box.diagonal() && table_.said_bounds && !counts_decimals() &&
       about_the_same(*table_.said_bounds, box)) {
     PointPlace place{box, origin_for(*table_.said_bounds, table_.step > 0), {}};
-    place.remainders = leaves_remainders(place, double_positions);
+    place.remainders = leaves_remainders(place);
     return place;
   }
   const std::vector<int>& decimals = measures.decimals;
@@ -207,7 +201,7 @@ PointPlace Reader::place_of(const Measures& measures, bool double_positions) con
   if (!decimals.empty()) most = *std::max_element(decimals.begin(), decimals.end());
   PointPlace place = place_points(core, table_.step > 0, most);
   place.bounds = box;
-  place.remainders = leaves_remainders(place, double_positions);
+  place.remainders = leaves_remainders(place);
   return place;
 }
 
@@ -267,7 +261,7 @@ SurfelCloud Reader::read(bool double_positions) {
   Measures measures;
   pass(columns_, &measures);
   const Vec3d assumed = place.origin;
-  place = place_of(measures, double_positions);
+  place = place_of(measures);
   decoder_.set_origin(place.origin);
   if (place.origin != assumed) pass(std::span(columns_).first(1), nullptr);
   if (place.remainders) {
@@ -292,10 +286,10 @@ Array<Vec3f> Reader::positions(const PointPlace& place) {
   return std::move(cloud_.position);
 }
 
-PointPlace Reader::measure(bool double_positions) {
+PointPlace Reader::measure() {
   Measures measures;
   pass({}, &measures);
-  return place_of(measures, double_positions);
+  return place_of(measures);
 }
 
 }  // namespace
@@ -303,11 +297,11 @@ PointPlace Reader::measure(bool double_positions) {
 PointPlace place_points(const Bounds& bounds, bool stepped, const std::optional<int>& decimals) {
   PointPlace place{bounds, origin_for(bounds, stepped), {}};
   if (!decimals || *decimals >= kManyDecimals) return place;
+  place.decimals = decimals;
   // An origin from which offsets tell coordinates of so many decimals apart, if there is one.
   for (const Vec3d& origin : {place.origin, central_origin(bounds)}) {
     if (!tells_apart(bounds, origin, 1 / power_of_ten(*decimals))) continue;
     place.origin = origin;
-    place.decimals = decimals;
     break;
   }
   return place;
@@ -343,7 +337,7 @@ std::size_t PieceReader::first(std::size_t part) const {
 
 PointPlace PieceReader::measure() const {
   const PointRecords& points = impl_->points;
-  return Reader(points.table(), impl_->decoder, points.file()).measure(points.double_positions());
+  return Reader(points.table(), impl_->decoder, points.file()).measure();
 }
 
 SurfelCloud PieceReader::read(std::size_t begin, std::size_t end, const PointPlace* place) const {
@@ -383,7 +377,7 @@ struct RangeReader::Impl {
   explicit Impl(const PointRecords& of)
       : points(of),
         decoder(of.table(), of.file()),
-        place(Reader(of.table(), decoder, of.file()).measure(of.double_positions())) {}
+        place(Reader(of.table(), decoder, of.file()).measure()) {}
 
   RecordTable part(std::size_t begin, std::size_t end) const {
     RecordTable out = points.table();

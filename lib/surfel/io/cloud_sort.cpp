@@ -125,10 +125,10 @@ struct SortedCloudWriter::Impl {
 
 /// The origin and the grid that a reader of the file will find.
 void SortedCloudWriter::Impl::place(const CloudSurvey& survey, const SurfelCloud& like) {
-  const Bounds box = survey.written_box(like);
+  const Bounds& box = survey.box;
   if (box.empty()) return;
   const bool doubles = CloudRecords(like, {}).columns().front().type == ScalarType::kFloat64;
-  const Bounds core = doubles ? survey.written_core(like) : box;
+  const Bounds core = doubles ? survey.core() : box;
   origin =
       place_points(core, like.las.has_value(), doubles ? survey.decimals : std::nullopt).origin;
   grid = MortonGrid((box.min - origin).cast<float>(), (box.max - origin).cast<float>());

@@ -10,6 +10,7 @@
 #include <surfel/io/cloud_survey.h>
 #include <surfel/io/cloud_to_records.h>
 #include <surfel/io/file_kind.h>
+#include <surfel/scene/exact_coordinates.h>
 
 namespace surfel {
 namespace {
@@ -49,13 +50,18 @@ bool is_placed_apart(std::string_view name) {
 Array<std::uint32_t> outermost_rows(const SurfelCloud& cloud) {
   std::array<std::optional<std::uint32_t>, 6> found;
   for (std::uint32_t i = 0; i < cloud.size(); ++i) {
-    const Vec3f& p = cloud.position[i];
-    if (!p.allFinite()) continue;
+    if (!cloud.position[i].allFinite()) continue;
     for (int axis = 0; axis < 3; ++axis) {
+      const auto less = [&](std::uint32_t a, std::uint32_t b) {
+        const float x = cloud.position[a][axis];
+        const float y = cloud.position[b][axis];
+        if (x != y || cloud.remainder.empty()) return x < y;
+        return cloud.remainder[a][axis] < cloud.remainder[b][axis];
+      };
       std::optional<std::uint32_t>& least = found[2 * axis];
       std::optional<std::uint32_t>& most = found[2 * axis + 1];
-      if (!least || p[axis] < cloud.position[*least][axis]) least = i;
-      if (!most || p[axis] > cloud.position[*most][axis]) most = i;
+      if (!least || less(i, *least)) least = i;
+      if (!most || less(*most, i)) most = i;
     }
   }
   Array<std::uint32_t> rows;
@@ -71,16 +77,8 @@ CloudSurvey::CloudSurvey(const std::string& path) : with_ranges_(is_las_name(pat
 
 void CloudSurvey::add(const SurfelCloud& piece) {
   const SurfelCloud outermost = piece.gathered(outermost_rows(piece));
-  if (!outermost.empty()) {
-    const Bounds bounds = outermost.bounds();
-    box.add(bounds.min);
-    box.add(bounds.max);
-    const CloudRecords records(outermost, {});
-    const RecordPositions positions(records);
-    Array<std::byte> bytes(outermost.size() * records.stride());
-    records.encode(0, outermost.size(), bytes.data());
-    for (std::size_t i = 0; i < outermost.size(); ++i) rounded_box_.add(positions(bytes.data(), i));
-  }
+  const ExactCoordinates coordinates(outermost);
+  for (std::size_t i = 0; i < outermost.size(); ++i) box.add(coordinates(i));
   spread_.add(piece.origin, piece.position);
   if (!nowhere) {
     const auto first = std::find_if(piece.position.begin(), piece.position.end(),
@@ -93,6 +91,7 @@ void CloudSurvey::add(const SurfelCloud& piece) {
   decimals = decimals && piece.decimals ? std::optional(std::max(*decimals, *piece.decimals))
                                         : std::nullopt;
   count += piece.size();
+  remainders = remainders || !piece.remainder.empty();
   if (with_ranges_) {
     add_ranges(piece);
   } else if (float_positions) {
@@ -102,16 +101,11 @@ void CloudSurvey::add(const SurfelCloud& piece) {
 }
 
 void CloudSurvey::settle(SurfelCloud& piece) const {
-  piece.decimals = decimals;
   piece.double_positions = piece.double_positions || !float_positions;
 }
 
-const Bounds& CloudSurvey::written_box(const SurfelCloud& like) const {
-  return like.las || like.decimals ? rounded_box_ : box;
-}
-
 void CloudSurvey::add_ranges(const SurfelCloud& piece) {
-  const CloudRecords records(piece, {});
+  const CloudRecords records(piece, {.double_positions = true});
   std::vector<RecordColumn> columns;
   for (const RecordColumn& column : records.columns()) {
     if (!is_placed_apart(column.name)) columns.push_back(column);

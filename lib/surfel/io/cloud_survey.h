@@ -33,25 +33,21 @@ class SURFEL_API CloudSurvey {
   void add(const SurfelCloud& piece);
   /// Gives a piece the types of coordinates that fit all pieces.
   void settle(SurfelCloud& piece) const;
-  /// Bounds of the finite positions as they stand in a file, rounded to decimals or to the steps of
-  /// LAS.
-  /// \param like  a piece that was settled
-  const Bounds& written_box(const SurfelCloud& like) const;
-  /// The part of that box that an origin of double coordinates suits: without stray points.
-  Bounds written_core(const SurfelCloud& like) const { return spread_.core(written_box(like)); }
+  /// The part of `box` that an origin of double coordinates suits: without stray points.
+  Bounds core() const { return spread_.core(box); }
 
   std::uint64_t count = 0;
-  Bounds box;  ///< Of the finite positions, world coordinates.
+  Bounds box;  ///< Of the finite positions as they stand in a file, world coordinates.
   /// The first surfel whose position is not finite.
   std::optional<std::uint64_t> nowhere;
   std::optional<int> decimals;         ///< SurfelCloud::decimals, the most of all pieces.
   bool float_positions = true;         ///< All coordinates are floats, wherever the origins lie.
+  bool remainders = false;             ///< Floats do not hold all coordinates (SurfelCloud).
   std::map<std::string, Range> range;  ///< By the column's name in files; for LAS alone.
 
  private:
   void add_ranges(const SurfelCloud& piece);
   bool with_ranges_;
-  Bounds rounded_box_;
   CoordinateSpread spread_;
 };
 

@@ -2,10 +2,14 @@
 #include <atomic>
 #include <bit>
 #include <cmath>
+#include <iterator>
+#include <string_view>
 
+#include <fmt/format.h>
 #include <surfel/base/color.h>
 #include <surfel/base/parallel.h>
 #include <surfel/io/cloud_to_records.h>
+#include <surfel/io/text_scanner.h>
 #include <surfel/scene/exact_coordinates.h>
 
 namespace surfel {
@@ -13,17 +17,32 @@ namespace {
 
 constexpr std::size_t kCloudGrain = std::size_t{1} << 15;
 
-/// Are all coordinates of this axis exact as float?
-bool exact_in_float(const SurfelCloud& cloud, int axis) {
-  if (cloud.origin[axis] == 0) return true;
+/// Is a number a decimal that programs write a float as: the shortest one, or of nine digits?
+bool is_decimal_of(double x, float nearest) {
+  const auto reads_back = [&](const auto& digits) {
+    const std::string_view text(digits.data(), digits.size());
+    return parse_number(text) == x;
+  };
+  fmt::basic_memory_buffer<char, 64> digits;
+  fmt::format_to(std::back_inserter(digits), "{}", nearest);
+  if (reads_back(digits)) return true;
+  digits.clear();
+  fmt::format_to(std::back_inserter(digits), "{:.9g}", nearest);
+  return reads_back(digits);
+}
+
+/// Are all coordinates of this axis exact as float, or decimals that floats are written as?
+bool exact_in_float(const SurfelCloud& cloud, const ExactCoordinates& coordinates, int axis) {
+  const bool near = cloud.origin[axis] == 0;
+  if (near && cloud.remainder.empty()) return true;
   std::atomic<bool> exact{true};
   parallel_for(cloud.size(), kCloudGrain, [&](std::size_t begin, std::size_t end, int) {
-    bool all = true;
-    for (std::size_t i = begin; i < end; ++i) {
-      const double x = cloud.origin[axis] + static_cast<double>(cloud.position[i][axis]);
-      all &= static_cast<double>(static_cast<float>(x)) == x || std::isnan(x);
+    for (std::size_t i = begin; i < end && exact; ++i) {
+      const double x = coordinates(i, axis);
+      const auto nearest = static_cast<float>(x);
+      const bool same = static_cast<double>(nearest) == x || std::isnan(x);
+      if (!same && !(near && is_decimal_of(x, nearest))) exact = false;
     }
-    if (!all) exact = false;
   });
   return exact;
 }
@@ -76,13 +95,13 @@ void CloudRecords::add_vector(const char* const (&names)[kSize],
   }
 }
 
-void CloudRecords::add_position(bool for_text) {
-  const Vec3d& origin = cloud_.origin;
-  const bool wide =
-      cloud_.double_positions || cloud_.las || !cloud_.remainder.empty() ||
-      (for_text && origin != Vec3d::Zero()) ||
-      !(exact_in_float(cloud_, 0) && exact_in_float(cloud_, 1) && exact_in_float(cloud_, 2));
-  const ExactCoordinates coordinates(cloud_, for_text);
+void CloudRecords::add_position(const CloudRecordOptions& options) {
+  const ExactCoordinates coordinates(cloud_, options.for_text);
+  const auto narrow = [&](int axis) { return exact_in_float(cloud_, coordinates, axis); };
+  const bool decimal =
+      options.for_text && (cloud_.origin != Vec3d::Zero() || !cloud_.remainder.empty());
+  const bool wide = options.double_positions || cloud_.double_positions || cloud_.las || decimal ||
+                    !(narrow(0) && narrow(1) && narrow(2));
   constexpr const char* kNames[] = {"x", "y", "z"};
   for (int k = 0; k < 3; ++k) {
     const auto exact = [coordinates, k](std::size_t i) { return coordinates(i, k); };
@@ -161,7 +180,7 @@ bool same_columns(const std::vector<RecordColumn>& a, const std::vector<RecordCo
 
 CloudRecords::CloudRecords(const SurfelCloud& cloud, const CloudRecordOptions& options)
     : cloud_(cloud) {
-  add_position(options.for_text);
+  add_position(options);
   if (options.pcl_names) {
     add_vector<3>({"normal_x", "normal_y", "normal_z"}, cloud.normal);
   } else {

@@ -16,6 +16,8 @@ struct CloudRecordOptions {
   /// PCL's names for normals, and 8-bit colours packed into one float `rgb`, as PCL's own point
   /// types have them.
   bool pcl_names = false;
+  /// Coordinates are stored as double even if float would be exact.
+  bool double_positions = false;
   /// Coordinates of a cloud whose origin is not zero are stored as double even if float would be
   /// exact: the shortest decimal of a float means the number of the file only after rounding to
   /// float.
@@ -45,7 +47,7 @@ class CloudRecords {
   template <int kSize>
   void add_vector(const char* const (&names)[kSize],
                   const Array<Eigen::Matrix<float, kSize, 1>>& column);
-  void add_position(bool for_text);
+  void add_position(const CloudRecordOptions& options);
   void add_variances();
   void add_color(bool pcl_names);
   void add_alpha();

@@ -141,7 +141,7 @@ class LasWriter::Impl {
   }
 
   void append(const SurfelCloud& piece, const std::vector<std::string>& comments) {
-    const CloudRecords records(piece, {});
+    const CloudRecords records(piece, {.double_positions = true});
     if (!open_) open(piece, records, comments);
     require_same(records.columns());
     constexpr std::size_t kAtOnce = 16 * std::size_t{kChunkPoints};
@@ -320,6 +320,8 @@ class LasWriter::Impl {
   static double power_of_ten_below(double length) {
     return portable::pow(10.0, std::floor(portable::log10(length)));
   }
+  /// The finest power of ten by whose steps 32 bits reach so far in both directions.
+  static double finest_step(double reach) { return 10 * power_of_ten_below(reach / kMostSteps); }
   /// Can the steps tell all positions?
   static bool reaches(const Vec3d& scale, const Vec3d& offset, const Bounds& box) {
     const auto in_reach = [&](const Vec3d& corner) {
@@ -337,30 +339,25 @@ class LasWriter::Impl {
     }
     offset_ = first.origin;
     double step = 1e-3;
-    if (first.decimals) {
-      step = 1 / power_of_ten(*first.decimals);
+    if (survey_.decimals) {
+      step = 1 / power_of_ten(*survey_.decimals);
       offset_ = first.origin.array().round();
+    } else if (survey_.remainders) {
+      step = 0;
     } else if (!box.empty()) {
-      // Floats that far from the origin have 24 bits.
-      const Bounds core = survey_.written_core(first);
+      const Bounds core = survey_.core();
       const double reach = std::max((core.max - first.origin).cwiseAbs().maxCoeff(),
                                     (core.min - first.origin).cwiseAbs().maxCoeff());
-      if (reach > 0) step = power_of_ten_below(reach * 0x1p-24);
+      // Floats that far from the origin have 24 bits.
+      tolerance_ = reach * 0x1p-24;
+      if (reach > 0) step = power_of_ten_below(tolerance_);
     }
     scale_ = Vec3d::Constant(step);
-    if (box.empty() || reaches(scale_, offset_, box)) return;
+    if (box.empty() || (step > 0 && reaches(scale_, offset_, box))) return;
     for (int axis = 0; axis < 3; ++axis) {
       offset_[axis] = std::round(box.min[axis] / 2 + box.max[axis] / 2);
       const double reach = std::max(box.max[axis] - offset_[axis], offset_[axis] - box.min[axis]);
-      // The finest of steps that reach from the middle to both ends.
-      const double finest = reach > 0 ? 10 * power_of_ten_below(reach / kMostSteps) : 0;
-      scale_[axis] = std::max(step, finest);
-    }
-    if (scale_.maxCoeff() > step) {
-      rounded_ = fmt::format(
-          "coordinates are rounded to steps of {:.2g}: LAS has 32 bits for each, and the points "
-          "extend over {:.4g} units",
-          scale_.maxCoeff(), box.diagonal());
+      scale_[axis] = std::max(step, finest_step(reach > 0 ? reach : 1));
     }
   }
 
@@ -426,6 +423,7 @@ class LasWriter::Impl {
     std::array<std::uint64_t, 16> returns{};
     std::vector<std::uint64_t> clamped;  ///< Values that were, by the column of filled_.
     std::uint64_t colors = 0;            ///< Colours of which a value was clamped.
+    std::uint64_t rounded = 0;           ///< Points whose coordinates the steps do not tell.
   };
 
   static unsigned color_code(const RecordColumn& column, const std::byte* record, bool narrow) {
@@ -484,18 +482,22 @@ class LasWriter::Impl {
   }
 
   void make_position(const std::byte* record, std::byte* point, Counts& counts) const {
+    // A sum of a product rounds in double precision.
+    constexpr double kRounding = 4 * std::numeric_limits<double>::epsilon();
+    bool rounded = false;
     for (std::size_t k = 0; k < 3; ++k) {
       const auto axis = static_cast<Eigen::Index>(k);
-      const std::byte* at = record + position_[k].offset;
-      const double world = position_[k].type == ScalarType::kFloat32
-                               ? static_cast<double>(load_scalar<float, false>(at))
-                               : load_scalar<double, false>(at);
+      const auto world = load_scalar<double, false>(record + position_[k].offset);
       const auto step =
           static_cast<std::int32_t>(std::llround((world - offset_[axis]) / scale_[axis]));
       std::memcpy(point + 4 * k, &step, sizeof(step));
       counts.least[k] = std::min(counts.least[k], step);
       counts.most[k] = std::max(counts.most[k], step);
+      const double error = std::abs(step * scale_[axis] + offset_[axis] - world);
+      const double least = kRounding * (std::abs(world) + std::abs(offset_[axis]));
+      rounded = rounded || error > std::max(least, tolerance_);
     }
+    counts.rounded += rounded ? 1 : 0;
   }
 
   static void fill(const Filled& filled, const std::byte* record, std::byte* point,
@@ -527,7 +529,16 @@ class LasWriter::Impl {
   /// How what is stored differs from the cloud.
   std::vector<std::string> notes() const {
     std::vector<std::string> lines;
-    if (!rounded_.empty()) lines.push_back(rounded_);
+    if (counts_.rounded > 0) {
+      const std::string why =
+          las_ && scale_ == las_->scale
+              ? "those of the first file"
+              : fmt::format("LAS has 32 bits for each, and the points extend over {:.4g} units",
+                            survey_.box.diagonal());
+      lines.push_back(
+          fmt::format("coordinates of {} of {} points are rounded to steps of {:.2g}: {}",
+                      counts_.rounded, survey_.count, scale_.maxCoeff(), why));
+    }
     for (std::size_t k = 0; k < filled_.size() && !counts_.clamped.empty(); ++k) {
       const Filled& filled = filled_[k];
       if (filled.copy) continue;
@@ -580,6 +591,7 @@ class LasWriter::Impl {
       counts_.clamped[k] += counts.clamped[k];
     }
     counts_.colors += counts.colors;
+    counts_.rounded += counts.rounded;
   }
 
   /// Writes the points that have been made, without the points of a last chunk that is not full.
@@ -688,7 +700,7 @@ class LasWriter::Impl {
   std::vector<std::string> names_;  ///< Of the fields and the extra bytes.
   std::byte returns_{0};            ///< What no column says of the number of the return: the first.
   Vec3d scale_;
-  std::string rounded_;  ///< What there is to tell of coarse steps.
+  double tolerance_ = 0;  ///< Less than this changes no coordinate: its digits are a float's.
   Vec3d offset_;
   FieldBytes blocks_;
   std::uint32_t block_count_ = 0;

@@ -20,7 +20,8 @@ namespace surfel {
 /// 0. All other columns are extra bytes under their names, of 32 characters at most. Colours have
 /// 16 bits, but 8 where the cloud came from LAS with 8. Coordinates have the scale and offset of
 /// SurfelCloud::las where that reaches; else the scale is SurfelCloud::decimals', or the power of
-/// ten that is finer than the cloud's positions. How pieces are cut does not change the file, which
+/// ten that is finer than the cloud's positions, or, where floats do not hold these, the finest one
+/// that reaches. How pieces are cut does not change the file, which
 /// appears whole or not at all (OutputFile). Internal to the io module.
 class LasWriter {
  public:

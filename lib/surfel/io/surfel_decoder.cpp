@@ -1,10 +1,8 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
-#include <iterator>
 #include <limits>
 #include <span>
-#include <string_view>
 #include <utility>
 
 #include <fmt/format.h>
@@ -12,7 +10,6 @@
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
 #include <surfel/io/surfel_decoder.h>
-#include <surfel/io/text_scanner.h>
 #include <surfel/io/unit_vector.h>
 
 namespace surfel {
@@ -38,20 +35,6 @@ void visit_column(const RecordColumn& column, bool swapped, Visit&& visit) {
       visit([](const std::byte* at) { return load_scalar<T, false>(at); });
     }
   });
-}
-
-/// Is a number a decimal that programs write a float as: the shortest one, or of nine digits?
-bool is_decimal_of(double x, float nearest) {
-  const auto reads_back = [&](const auto& digits) {
-    const std::string_view text(digits.data(), digits.size());
-    return parse_number(text) == x;
-  };
-  fmt::basic_memory_buffer<char, 64> digits;
-  fmt::format_to(std::back_inserter(digits), "{}", nearest);
-  if (reads_back(digits)) return true;
-  digits.clear();
-  fmt::format_to(std::back_inserter(digits), "{:.9g}", nearest);
-  return reads_back(digits);
 }
 
 /// The decoding loop: writes value(at) for each of `count` records, `record` bytes apart, the first
@@ -383,21 +366,21 @@ void SurfelDecoder::decode_remainders(const std::byte* records, std::size_t coun
   }
 }
 
-bool SurfelDecoder::are_floats(const std::byte* records, std::size_t count, bool text) const {
-  for (const RecordColumn* column : fields_[index(kPosition)].columns) {
-    bool all = true;
-    visit_column(*column, table_.swapped, [&](auto load) {
-      const std::byte* at = records + column->offset;
+bool SurfelDecoder::offsets_are_exact(const std::byte* records, std::size_t count,
+                                      const Vec3d& origin) const {
+  bool all = true;
+  for (int axis = 0; axis < 3; ++axis) {
+    const RecordColumn& column = *fields_[index(kPosition)].columns[static_cast<std::size_t>(axis)];
+    visit_column(column, table_.swapped, [&](auto load) {
+      const std::byte* at = records + column.offset;
       for (std::size_t i = 0; i < count && all; ++i, at += table_.stride) {
         const auto x = static_cast<double>(load(at));
-        const auto nearest = static_cast<float>(x);
-        const bool same = static_cast<double>(nearest) == x || !std::isfinite(x);
-        all = same || (text && is_decimal_of(x, nearest));
+        const auto offset = static_cast<double>(static_cast<float>(x - origin[axis]));
+        all = origin[axis] + offset == x || !std::isfinite(x);
       }
     });
-    if (!all) return false;
   }
-  return true;
+  return all;
 }
 
 void SurfelDecoder::count_decimals(const std::byte* records, std::size_t count,

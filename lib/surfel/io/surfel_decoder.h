@@ -97,9 +97,9 @@ class SurfelDecoder {
   /// Writes what the positions that decode() gives leave of the coordinates of `count` records; 0
   /// where those are not finite.
   void decode_remainders(const std::byte* records, std::size_t count, Vec3d* to) const;
-  /// Are the coordinates of `count` records floats, or not finite?
-  /// \param text  Decimal numbers that floats are written as count, too.
-  bool are_floats(const std::byte* records, std::size_t count, bool text) const;
+  /// Do float offsets from an origin tell the finite coordinates of `count` records to the last
+  /// bit?
+  bool offsets_are_exact(const std::byte* records, std::size_t count, const Vec3d& origin) const;
   /// Raises `decimals` to the digits behind the decimal point that the finite coordinates of
   /// `count` records have; kManyDecimals if they have so many or more.
   void count_decimals(const std::byte* records, std::size_t count, int& decimals) const;

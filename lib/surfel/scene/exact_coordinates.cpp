@@ -23,26 +23,30 @@ bool tells_apart(const Bounds& box, const Vec3d& origin, double step) {
   return reach * 0x1p-23 < step;
 }
 
-/// The multiple next to a coordinate if they differ by no more than the rounding, else the
-/// coordinate itself.
+/// The multiple next to a coordinate if they differ by no more than `rounding` and what a sum and a
+/// product in double precision round, else the coordinate itself.
 double ExactCoordinates::Grid::nearest(double x, double rounding) const {
+  constexpr double kSumOfProduct = 4 * std::numeric_limits<double>::epsilon();
   const double multiple = per_unit > 0 ? std::round(x * per_unit) / per_unit
                                        : std::round((x - offset) / step) * step + offset;
-  return std::abs(multiple - x) <= rounding ? multiple : x;
+  const double tolerance = rounding + kSumOfProduct * (std::abs(x) + std::abs(offset));
+  return std::abs(multiple - x) <= tolerance ? multiple : x;
 }
 
 ExactCoordinates::ExactCoordinates(const SurfelCloud& cloud, bool for_text) : cloud_(cloud) {
+  const bool rounded = cloud.remainder.empty();
   for (int axis = 0; axis < 3; ++axis) {
     std::optional<Grid>& grid = grid_[static_cast<std::size_t>(axis)];
     if (!cloud.las) {
-      if (cloud.decimals) grid = Grid{.per_unit = power_of_ten(*cloud.decimals)};
+      if (cloud.decimals && rounded) grid = Grid{.per_unit = power_of_ten(*cloud.decimals)};
       continue;
     }
-    grid = Grid{.step = cloud.las->scale[axis], .offset = cloud.las->offset[axis]};
-    const auto per_unit = whole_power_of_ten(1 / grid->step);
-    if (for_text && per_unit && grid->offset * *per_unit == std::round(grid->offset * *per_unit)) {
-      grid->per_unit = *per_unit;
-    }
+    Grid steps{.step = cloud.las->scale[axis], .offset = cloud.las->offset[axis]};
+    const auto per_unit = whole_power_of_ten(1 / steps.step);
+    const bool decimal =
+        for_text && per_unit && steps.offset * *per_unit == std::round(steps.offset * *per_unit);
+    if (decimal) steps.per_unit = *per_unit;
+    if (decimal || rounded) grid = steps;
   }
 }
 
@@ -54,7 +58,7 @@ double ExactCoordinates::operator()(std::size_t i, int axis) const {
   double rounding = std::abs(offset) * 0x1p-23;
   if (!cloud_.remainder.empty()) {
     if (const double rest = cloud_.remainder[i][axis]; rest != 0) x += rest;
-    rounding = std::abs(x) * 4 * std::numeric_limits<double>::epsilon();
+    rounding = 0;
   }
   const std::optional<Grid>& grid = grid_[static_cast<std::size_t>(axis)];
   return grid ? grid->nearest(x, rounding) : x;

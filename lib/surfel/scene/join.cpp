@@ -74,6 +74,18 @@ std::vector<std::string> renumbered(std::vector<std::string> comments, std::size
   return comments;
 }
 
+/// Makes coordinates exact that count as exact by their decimals, or by the steps of their file.
+void keep_remainders(SurfelCloud& cloud) {
+  const ExactCoordinates exact(cloud, true);
+  Array<Vec3d> remainder(cloud.size());
+  parallel_each(cloud.size(), kJoinGrain, [&](std::size_t i) {
+    const Vec3d rounded = cloud.origin + cloud.position[i].cast<double>();
+    remainder[i] = cloud.position[i].allFinite() ? Vec3d(exact(i) - rounded) : Vec3d::Zero();
+  });
+  cloud.remainder = std::move(remainder);
+  cloud.decimals.reset();
+}
+
 }  // namespace
 
 struct CloudJoiner::Impl {
@@ -427,6 +439,9 @@ SurfelCloud CloudJoiner::Impl::join(std::size_t k, SurfelCloud cloud) {
   }
   use_material(k, cloud);
   if (heads.size() == 1) return cloud;
+  const bool stepped = cloud.las && header.las && cloud.las->scale == header.las->scale &&
+                       cloud.las->offset == header.las->offset;
+  if ((cloud.las || header.las) && !stepped) keep_remainders(cloud);
   fill_columns(k, cloud);
   fill_extra(k, cloud);
   number_sources(cloud);

@@ -78,8 +78,8 @@ struct SURFEL_API SurfelCloud {
                           ///< their precision in float; see `remainder`.
   bool double_positions = false;  ///< Write x y z as double whatever the origin.
   /// Digits behind the decimal point of the file's coordinates, where these have double precision
-  /// and so few digits that offsets from the origin tell them apart: coordinates are written with
-  /// the same digits. Unset: not so, or moved since.
+  /// and few digits: coordinates are written with the same digits, which offsets from the origin
+  /// tell apart where there is no `remainder`. Unset: not so, or moved since.
   std::optional<int> decimals;
 
   Array<Vec3f> position;  ///< Scene units, relative to `origin`.
