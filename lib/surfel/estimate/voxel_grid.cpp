@@ -79,8 +79,10 @@ Cells cells_of(const SurfelCloud& cloud, const Array<std::uint32_t>& points, con
 
 /// A value of a column as a vector to sum up, and back.
 Vec3d summand(const Vec3f& value) { return value.cast<double>(); }
+const Vec3d& summand(const Vec3d& value) { return value; }
 double summand(float value) { return static_cast<double>(value); }
 void assign(const Vec3d& mean, Vec3f& value) { value = mean.cast<float>(); }
+void assign(const Vec3d& mean, Vec3d& value) { value = mean; }
 void assign(double mean, float& value) { value = static_cast<float>(mean); }
 
 /// The means of a column over cells; order[i] is the cell of the i-th.
@@ -154,6 +156,7 @@ SurfelCloud average_voxels(const SurfelCloud& cloud, const Array<std::uint32_t>&
   for (std::size_t i = 0; i < kept.size(); ++i) kept[i] = nearest[order[i]];
   SurfelCloud out = cloud.gathered(kept);
   average(cloud.position, cells, order, out.position);
+  average(cloud.remainder, cells, order, out.remainder);
   average(cloud.normal, cells, order, out.normal);
   average(cloud.color, cells, order, out.color);
   average(cloud.coefficient, cells, order, out.coefficient);
