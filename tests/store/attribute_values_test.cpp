@@ -131,6 +131,20 @@ TEST(AttributeValues, AConstantColumnHasOneValueForARange) {
   EXPECT_EQ(summary(cloud, "nearly").robust_range(), std::pair(4.0, 5.0)) << "all values";
 }
 
+TEST(AttributeValues, StrayPointsDoNotStretchTheRange) {
+  SurfelCloud cloud = row(1001);
+  cloud.origin = {1000, 0, 0};
+  for (int i = 0; i < 200; ++i) {
+    cloud.position.insert(cloud.position.begin(), Vec3f(-90000, 0, 0));
+    cloud.normal.emplace_back(0.0F, 0.0F, 1.0F);
+    cloud.variance.push_back(0.5F);
+    cloud.area.push_back(9);
+  }
+  const AttributeSummary x = summary(cloud, "x");
+  EXPECT_EQ(x.percentile_1, -89000);
+  EXPECT_EQ(x.robust_range(), std::pair(1005.0, 1495.0));
+}
+
 RenderCloud colored(const SurfelCloud& cloud, const std::string& name,
                     const AttributeColors& colors) {
   CloudSource inner(cloud, "row");

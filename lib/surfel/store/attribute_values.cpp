@@ -10,6 +10,7 @@
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
+#include <surfel/base/coordinate_spread.h>
 #include <surfel/base/error.h>
 #include <surfel/base/nearest_name.h>
 #include <surfel/base/parallel.h>
@@ -77,6 +78,7 @@ struct Part {
   double max = -std::numeric_limits<double>::infinity();
   std::map<std::int64_t, std::size_t> categories;
   std::vector<double> sample;
+  std::vector<Vec3f> places;  ///< Of the sample, relative to AttributeSurvey::Impl::origin.
 
   void add_category(std::int64_t number, std::size_t surfels) {
     categories[number] += surfels;
@@ -84,7 +86,7 @@ struct Part {
       categories.erase(std::prev(categories.end()));
     }
   }
-  void add(double value, AttributeKind kind, bool chosen) {
+  void add(double value, AttributeKind kind, bool chosen, const Vec3f& place) {
     if (std::isnan(value)) {
       ++missing;
       return;
@@ -93,7 +95,9 @@ struct Part {
     min = std::min(min, value);
     max = std::max(max, value);
     if (is_category(kind)) add_category(static_cast<std::int64_t>(value), 1);
-    if (chosen) sample.push_back(value);
+    if (!chosen) return;
+    sample.push_back(value);
+    places.push_back(place);
   }
   void add(const Part& part) {
     count += part.count;
@@ -102,10 +106,12 @@ struct Part {
     max = std::max(max, part.max);
     for (const auto& [number, surfels] : part.categories) add_category(number, surfels);
     sample.insert(sample.end(), part.sample.begin(), part.sample.end());
+    places.insert(places.end(), part.places.begin(), part.places.end());
   }
 };
 
-AttributeSummary summed_up(Part all) {
+/// \param spread  of all places
+AttributeSummary summed_up(Part all, const CoordinateSpread& spread) {
   AttributeSummary summary;
   summary.count = all.count;
   summary.missing = all.missing;
@@ -115,17 +121,26 @@ AttributeSummary summed_up(Part all) {
   summary.max = all.max;
   // Where few of very many surfels have a value, none may have been chosen.
   if (all.sample.empty()) all.sample = {all.min, all.max};
+  const Bounds box = spread.box();
+  const Bounds core = spread.core(box);
+  std::vector<double> within;
+  if (core.diagonal() < box.diagonal()) {
+    for (std::size_t i = 0; i < all.places.size(); ++i) {
+      if (core.contains(all.places[i].cast<double>())) within.push_back(all.sample[i]);
+    }
+  }
   summary.percentile_1 = percentile(all.sample, 0.01);
   summary.median = percentile(all.sample, 0.5);
   summary.percentile_99 = percentile(all.sample, 0.99);
+  summary.core = {summary.percentile_1, summary.percentile_99};
+  if (!within.empty()) summary.core = {percentile(within, 0.01), percentile(within, 0.99)};
   return summary;
 }
 
 }  // namespace
 
 std::pair<double, double> AttributeSummary::robust_range() const {
-  if (percentile_1 < percentile_99) return {percentile_1, percentile_99};
-  return {min, max};
+  return core.first < core.second ? core : std::pair(min, max);
 }
 
 std::vector<std::string> AttributeValues::names(const SurfelSource& source) {
@@ -233,12 +248,16 @@ struct AttributeSurvey::Impl {
   double chosen;          ///< Share of the surfels that percentiles are taken of.
   std::size_t added = 0;  ///< Surfels.
   Part all;
+  std::optional<Vec3d> origin;  ///< Of the first surfels that were added.
+  CoordinateSpread spread;
 };
 
 AttributeSurvey::AttributeSurvey(std::size_t total) : impl_(std::make_unique<Impl>()) {
   impl_->chosen = static_cast<double>(kSampled) / static_cast<double>(std::max(total, kSampled));
   // About as many are chosen; a vector that grows would take twice as much.
-  impl_->all.sample.reserve(std::min(total, kSampled + kSampled / 64));
+  const std::size_t reserved = std::min(total, kSampled + kSampled / 64);
+  impl_->all.sample.reserve(reserved);
+  impl_->all.places.reserve(reserved);
 }
 AttributeSurvey::~AttributeSurvey() = default;
 AttributeSurvey::AttributeSurvey(AttributeSurvey&&) noexcept = default;
@@ -250,29 +269,40 @@ void AttributeSurvey::add(const AttributeValues& values, std::size_t begin, std:
 void AttributeValues::add_to(AttributeSurvey& to, std::size_t begin, std::size_t end) const {
   AttributeSurvey::Impl& survey = *to.impl_;
   const std::size_t total = end - begin;
+  if (!survey.origin) survey.origin = source_.origin();
+  const Vec3f shift = (source_.origin() - *survey.origin).cast<float>();
   std::vector<Part> parts((total + RenderCloud::kBlock - 1) / RenderCloud::kBlock);
   struct Worker {
     RenderCloud rows;
     std::vector<double> value = std::vector<double>(RenderCloud::kBlock);
+    std::vector<Vec3f> places = {};
+    CoordinateSpread spread = {};
   };
   PerWorker<Worker> workers;
   parallel_for(total, RenderCloud::kBlock, [&](std::size_t first, std::size_t last, int w) {
-    auto& [rows, value] = workers[w];
+    auto& [rows, value, places, spread] = workers[w];
     if (rows.x.empty()) rows.allocate(RenderCloud::kBlock, source_.attributes(), {}, "");
     source_.fill(begin + first, begin + last, rows, 0);
     values(begin + first, begin + last, rows, 0, value.data());
     Part& part = parts[first / RenderCloud::kBlock];
     UnusableSurfels ignored;
+    places.clear();
     for (std::size_t i = 0; i < last - first; ++i) {
       if (!rows.usable(i, ignored)) continue;
-      part.add(value[i], kind_, random_uniform(0, survey.added + first + i) < survey.chosen);
+      places.push_back(Vec3f(rows.x[i], rows.y[i], rows.z[i]) + shift);
+      part.add(value[i], kind_, random_uniform(0, survey.added + first + i) < survey.chosen,
+               places.back());
     }
+    spread.add(Vec3d::Zero(), places);
   });
+  workers.for_each([&](const Worker& worker) { survey.spread.add(worker.spread); });
   for (const Part& part : parts) survey.all.add(part);
   survey.added += total;
 }
 
-AttributeSummary AttributeSurvey::summary() { return summed_up(std::move(impl_->all)); }
+AttributeSummary AttributeSurvey::summary() {
+  return summed_up(std::move(impl_->all), impl_->spread);
+}
 
 std::vector<std::string> measured_attributes(const SurfelCloud& cloud) {
   const CloudSource source(cloud, "", CloudSource::Sizes::kAny);

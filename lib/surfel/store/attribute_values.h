@@ -34,13 +34,16 @@ struct AttributeSummary {
   /// The values below which 1, 50 and 99 in 100 surfels are: exact up to 2^20 surfels, else of 2^20
   /// surfels chosen by a hash of their numbers.
   double percentile_1 = 0, median = 0, percentile_99 = 0;
+  /// percentile_1 and percentile_99 of the surfels without those that lie far from most others
+  /// (CoordinateSpread::core()).
+  std::pair<double, double> core{0, 0};
   /// Of categories: surfels of each number, of kMostCategories numbers at most; the numbers left
   /// out are the largest.
   std::map<std::int64_t, std::size_t> categories = {};
   static constexpr std::size_t kMostCategories = 4096;
 
-  /// A range for colours that stray values do not stretch: from percentile_1 to percentile_99, or
-  /// all values where these two agree.
+  /// A range for colours that neither stray values nor stray points stretch: `core`, or all values
+  /// where its ends agree.
   SURFEL_API std::pair<double, double> robust_range() const;
 };
 
