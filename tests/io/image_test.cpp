@@ -628,6 +628,10 @@ TEST(Image, PicturesLargerThanTheirFileCanHoldAreRefused) {
   const std::string j2k = std::string("\xff\x4f\xff\x51\0\x29\0\0", 8) + far + far +
                           std::string(8, '\0') + far + far + std::string(8, '\0') +
                           std::string("\0\1\7\1\1\xff\xd9", 7);
+  // Far behind the header, and after what looks like the start of a small one.
+  const std::string jp2 = std::string("\0\0\0\x0cjP  \r\n\x87\n", 12) +
+                          std::string("\0\0\x20\0free\xff\x4f\xff\x51", 12) +
+                          std::string(0x2000 - 12, '\1') + std::string("\0\0\0\0jp2c", 8) + j2k;
   const std::string bmp = "BM" + number(57) + number(0) + number(54) + number(40) + number(40000) +
                           number(40000) + std::string("\1\0\x18\0", 4) + std::string(24, '\0') +
                           "abc";
@@ -644,6 +648,7 @@ TEST(Image, PicturesLargerThanTheirFileCanHoldAreRefused) {
         {"a.exr", exr_header(40000, 40000, kZip)},
         {"a.jpg", jpeg},
         {"a.j2k", j2k},
+        {"a.jp2", jp2},
         {"a.bmp", bmp},
         {"a.webp", webp},
         {"a.hdr", "#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 40000 +X 30000\n"},
@@ -665,6 +670,36 @@ TEST(Image, PicturesLargerThanTheirFileCanHoldAreRefused) {
   open_image(folder / "one.png")->read({0, kSide, kSide - 1, kSide}, row.data());
   EXPECT_EQ(row[0], 0);
   EXPECT_EQ(row[3], 255);
+}
+
+/// OpenImageIO reads behind the pixels of HEIF whose header claims more than are coded, and gives
+/// way to whatever a codestream of JPEG 2000 claims.
+TEST(Image, FormatsThatAreDecodedUnseenAreRefused) {
+  const TemporaryFolder folder;
+  const auto error = [&](const std::string& name, const std::string& bytes) {
+    std::ofstream(folder / name, std::ios::binary) << bytes;
+    const std::string message = message_of([&] { read_image(folder / name); });
+    EXPECT_EQ(message_of([&] { open_image(folder / name); }), message);
+    return message;
+  };
+  const std::string brand(
+      "\0\0\0\x14"
+      "ftypavif\0\0\0\0avif",
+      20);
+  const std::string claim("\0\0\0\x14ispe\0\0\0\0\0\0\xff\xff\0\0\xff\xff", 20);
+  for (const char* name : {"a.avif", "a.heic", "a.png"}) {
+    EXPECT_NE(error(name, brand + claim).find("is HEIF, AVIF or a film, which are not read"),
+              std::string::npos);
+  }
+  const std::string signature("\0\0\0\x0cjP  \r\n\x87\n", 12);
+  const std::string start("\xff\x4f\xff\x51");
+  for (const std::string& bytes :
+       {signature, signature + std::string("\0\0\0\7free", 8) + std::string(100, '\0'),
+        signature + std::string("\0\0\0\1jp2c\0\0\0\0\0\0\0\x20", 16),
+        signature + std::string("\0\0\0\0jp2c\xff\x4f\xff\x30", 12) + start + std::string(50, '\0'),
+        start}) {
+    EXPECT_NE(error("a.jp2", bytes).find("does not begin with its size"), std::string::npos);
+  }
 }
 
 /// OpenImageIO inflates strips itself, and tells nothing of what it could not.

@@ -21,13 +21,13 @@ SURFEL_API std::uint64_t most_image_pixels() noexcept;
 /// Sets it for the whole process, to 1 at least.
 SURFEL_API void set_most_image_pixels(std::uint64_t pixels) noexcept;
 
-/// Reads PNG, EXR and any format of OpenImageIO ("-" is standard input) as linear R G B A with
-/// straight (not premultiplied) alpha: integer files (8 and 16 bits, palette, grey) are decoded
-/// from sRGB, float files (EXR, HDR) are linear. Colour profiles and gamma tags are ignored. Grey
-/// is spread to R G B, a missing alpha is 1; where a premultiplied file has alpha 0, its colour
-/// comes as stored. With `raw` channels come as stored: float files premultiplied and with all
-/// their AOVs, integer files still decoded. Of files with several images the first, of EXR the data
-/// window. Throws Error(kIo, kInput) naming file and cause.
+/// Reads PNG, EXR and any format of OpenImageIO but HEIF and AVIF ("-" is standard input) as linear
+/// R G B A with straight (not premultiplied) alpha: integer files (8 and 16 bits, palette, grey)
+/// are decoded from sRGB, float files (EXR, HDR) are linear. Colour profiles and gamma tags are
+/// ignored. Grey is spread to R G B, a missing alpha is 1; where a premultiplied file has alpha 0,
+/// its colour comes as stored. With `raw` channels come as stored: float files premultiplied and
+/// with all their AOVs, integer files still decoded. Of files with several images the first, of EXR
+/// the data window. Throws Error(kIo, kInput) naming file and cause.
 SURFEL_API Image read_image(const std::string& path, bool raw = false);
 /// Reads an image from a file that is open; in memory, PNG, EXR, TIFF, JPEG, WebP or HDR.
 SURFEL_API Image read_image(InputFile file, bool raw = false);

@@ -176,6 +176,36 @@ void check_jpeg(const InputFile& file) {
   throw_input(file.name(), "damaged image: the JPEG data ends too early");
 }
 
+/// What the first box of JPEG 2000, and its codestream, begin with.
+constexpr std::string_view kBoxOfJpeg2000("\0\0\0\x0cjP  ", 8);
+constexpr std::string_view kStartOfJpeg2000 = "\xff\x4f\xff\x51";
+
+/// Checks the codestream of JPEG 2000, which OpenImageIO decodes as it opens it: the whole file, or
+/// the first box of its type, ITU-T T.800 annex I. It starts with SOC and SIZ: length and profile,
+/// width, height, six more numbers and the components.
+void check_jpeg_2000(const InputFile& file) {
+  constexpr bool kSwapped = std::endian::native == std::endian::little;
+  const std::span<const std::byte> bytes = file.bytes();
+  std::size_t at = 0;
+  bool found = as_text(bytes).starts_with(kStartOfJpeg2000);
+  while (!found && bytes.size() - at >= 16) {
+    std::uint64_t length = load_scalar<std::uint32_t, kSwapped>(bytes.data() + at);
+    const bool wide = length == 1;
+    if (wide) length = load_scalar<std::uint64_t, kSwapped>(bytes.data() + at + 8);
+    found = as_text(bytes).substr(at + 4, 4) == "jp2c";
+    if (!found && (length < 8 || length > bytes.size() - at)) break;
+    at += found ? (wide ? 16 : 8) : length;
+  }
+  if (!found || !as_text(bytes).substr(at).starts_with(kStartOfJpeg2000) ||
+      bytes.size() - at < 42) {
+    throw_input(file.name(), "damaged image: the JPEG 2000 data does not begin with its size");
+  }
+  const std::byte* const size = bytes.data() + at;
+  check_claim({load_scalar<std::uint32_t, kSwapped>(size + 8),
+               load_scalar<std::uint32_t, kSwapped>(size + 12)},
+              load_scalar<std::uint16_t, kSwapped>(size + 40), file);
+}
+
 /// Checks what OpenImageIO does not before it takes memory as it opens a file.
 void check_content(const InputFile& file) {
   constexpr std::size_t kHead = 4096;
@@ -188,13 +218,12 @@ void check_content(const InputFile& file) {
                  load_scalar<std::uint16_t, kBigEndian>(bytes + 8)},
                 4, file);
   }
-  // The start of a codestream of JPEG 2000: SOC and SIZ, its length and profile, width, height, six
-  // more numbers and the components.
-  const std::size_t size = head.find("\xff\x4f\xff\x51");
-  if (size != std::string_view::npos && head.size() - size >= 42) {
-    check_claim({load_scalar<std::uint32_t, !kBigEndian>(bytes + size + 8),
-                 load_scalar<std::uint32_t, !kBigEndian>(bytes + size + 12)},
-                load_scalar<std::uint16_t, !kBigEndian>(bytes + size + 40), file);
+  if (head.starts_with(kBoxOfJpeg2000) || head.starts_with(kStartOfJpeg2000)) check_jpeg_2000(file);
+  // HEIF, AVIF and films: OpenImageIO decodes them as it opens them, whatever they claim, and hands
+  // out what lies behind the pixels where a box claims more of them than are coded.
+  if (head.size() >= 8 && head.substr(4, 4) == "ftyp") {
+    throw_input(file.name(),
+                "is HEIF, AVIF or a film, which are not read; export it as PNG or JPEG");
   }
 }
 
