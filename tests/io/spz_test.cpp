@@ -175,14 +175,28 @@ TEST(SpzFile, DataThatDiffersFromItsChecksumIsRefused) {
   }
 }
 
+TEST(SpzFile, SeveralMembersOfGzipAreOneFile) {
+  const std::string raw = Spz{.count = 100}.raw();
+  // Cut within the header, within the columns, and at their ends, which makes members empty.
+  for (const std::size_t cut : {std::size_t{0}, std::size_t{7}, std::size_t{500}, raw.size()}) {
+    const std::string file = gzipped(raw.substr(0, cut)) + gzipped(raw.substr(cut));
+    EXPECT_EQ(gaussian_error(file, "a.spz"), "") << cut;
+    EXPECT_EQ(gaussian_error(file + std::string(512, '\0'), "a.spz"), "") << cut;
+    EXPECT_NE(gaussian_error(file + gzipped("a"), "a.spz").find("holds more than the"),
+              std::string::npos);
+    EXPECT_NE(gaussian_error(file + "a", "a.spz").find("followed by bytes that are none of it"),
+              std::string::npos);
+    EXPECT_NE(gaussian_error(file + "\x1f\x8b and no more", "a.spz").find("damaged"),
+              std::string::npos);
+  }
+}
+
 TEST(SpzFile, WhatIsWrongIsNamed) {
   for (const std::uint32_t version : {3U, 4U}) {
     const Spz spz{.version = version, .count = 100};
     const std::string file = version == 4 ? spz.streams() : gzipped(spz.raw());
     EXPECT_EQ(gaussian_error(file, "a.spz"), "");
     for (std::size_t size = 0; size < file.size(); ++size) {
-      // What is cut off the end of gzip's stream tells where it ends and its checksum.
-      if (version == 3 && size + 12 >= file.size()) break;
       EXPECT_NE(gaussian_error(file.substr(0, size), "a.spz"), "") << size;
     }
   }
@@ -229,7 +243,9 @@ TEST(SpzFile, BombsTakeNoMemory) {
   Spz spz;
   std::string raw = spz.raw() + std::string(std::size_t{1} << 24, '\0');
   const std::string small = gzipped(raw);
-  EXPECT_EQ(gaussian_error(small, "a.spz"), "");  // What follows is not looked at.
+  EXPECT_NE(gaussian_error(small, "a.spz").find("holds more than the"), std::string::npos);
+  raw[14] = 2;  // Of extensions, which are not decoded.
+  EXPECT_EQ(gaussian_error(gzipped(raw), "a.spz"), "");
   raw.replace(8, 4, "\xff\xff\xff\x0f");
   EXPECT_NE(gaussian_error(gzipped(raw), "a.spz").find("promises"), std::string::npos);
 }

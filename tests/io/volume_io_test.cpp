@@ -148,6 +148,13 @@ TEST_F(VolumeIo, RefusesBrokenNrrd) {
   EXPECT_NE(
       refused("b.nrrd", nrrd("uchar", "", "gzip") + gzipped(body).substr(0, 11)).find("truncated"),
       std::string::npos);
+  const std::string head = nrrd("uchar", "", "gzip");
+  expect_values(read_volume(put("b2.nrrd", head + gzipped(body.substr(4)) + gzipped("aaaa"))),
+                std::vector<double>(12, 'a'));
+  EXPECT_NE(refused("b3.nrrd", head + gzipped(body + "a")).find("more than the 12 bytes"),
+            std::string::npos);
+  EXPECT_NE(refused("b4.nrrd", head + gzipped(body) + "a").find("followed by bytes"),
+            std::string::npos);
   EXPECT_NE(refused("c.nrrd", nrrd("uchar", "", "gzip") + body).find("compressed"),
             std::string::npos);
   EXPECT_NE(refused("d.nrrd", nrrd("block", "") + body).find("block"), std::string::npos);

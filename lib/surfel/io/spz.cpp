@@ -25,7 +25,6 @@ namespace surfel {
 namespace {
 
 constexpr std::string_view kSpzMagic = "NGSP";
-constexpr std::string_view kGzipMagic = "\x1f\x8b";
 constexpr std::uint8_t kAntialiased = 1;
 constexpr std::uint8_t kExtended = 2;
 constexpr std::uint32_t kCompressedByColumn = 4;  ///< The version.
@@ -136,7 +135,7 @@ SpzColumns read_whole(const InputFile& input) {
   const std::span<const std::byte> bytes = input.bytes();
   const bool compressed = as_text(bytes).starts_with(kGzipMagic);
   SpzColumns out;
-  out.header = compressed ? checked_header(gunzip(bytes, sizeof(SpzHeader), file), file)
+  out.header = compressed ? checked_header(gunzip(bytes, sizeof(SpzHeader), file, true), file)
                           : checked_header(bytes, file);
   if (out.header.version == kCompressedByColumn) {
     throw_input(file, "is of version 4 of .spz, and compressed once more; decompress it by gunzip");
@@ -149,7 +148,9 @@ SpzColumns read_whole(const InputFile& input) {
   const std::byte* at = bytes.data();
   if (compressed) {
     const std::size_t size = sizeof(SpzHeader) + out.header.count * each;
-    at = out.memory.emplace_back(gunzip(bytes, size, file)).data();
+    // Extensions follow the columns.
+    const bool extended = (out.header.flags & kExtended) != 0;
+    at = out.memory.emplace_back(gunzip(bytes, size, file, extended)).data();
   }
   at += sizeof(SpzHeader);
   for (std::size_t k = 0; k < kSpzColumns; ++k) {
