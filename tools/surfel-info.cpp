@@ -180,6 +180,11 @@ Json describe_cloud(const std::string& file, const Settings& settings) {
   out["coarser_levels"] = cloud.coarser_skipped;
   out["unmeasured_points"] = cloud.unmeasured_skipped;
   out["bounds"] = describe(s.bounds);
+  out["strays"] = nullptr;
+  if (const auto& strays = summary.strays) {
+    out["strays"] = {
+        {"count", strays->count}, {"first", strays->first}, {"at", describe(strays->place)}};
+  }
   out["origin"] = describe(cloud.origin);
   out["spacing"] = describe(s.spacing);
   out["coincident_share"] = s.coincident_share;

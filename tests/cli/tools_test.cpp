@@ -5,6 +5,7 @@
 #include <map>
 #include <sstream>
 
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
 #include <surfel/base/error.h>
@@ -674,6 +675,36 @@ TEST(SurfelInfo, DescribesSplats) {
   EXPECT_NEAR(info["flatness"]["median"].get<double>(), 0.01, 1e-4);
   EXPECT_EQ(run({tool("surfel-info"), splats, "--every", "2"}).exit_code, 2);
   EXPECT_TRUE(contains(run({tool("surfel-info"), splats}).output, "opacity_histogram"));
+}
+
+TEST(SurfelInfo, NamesStrayPoints) {
+  const TemporaryFolder folder;
+  std::string points;
+  for (int i = 0; i < 1000; ++i) {
+    const bool stray = i == 123 || i == 500;
+    points += stray ? "0 0 0\n"
+                    : fmt::format("{} {} {}\n", 5e5 + i % 40 / 10.0, 5.4e6 + i / 40 / 10.0, 7);
+  }
+  write_text(folder / "scan.xyz", points);
+  const std::string text = run({tool("surfel-info"), folder / "scan.xyz"}).output;
+  EXPECT_TRUE(contains(text, "\nstrays               count 2, first 123, at 0 0 0\n")) << text;
+  EXPECT_TRUE(contains(text, "2 of 1000 points lie far from all others; the first is point 123 "))
+      << text;
+  const auto json = [](const std::string& file) {
+    return nlohmann::json::parse(run({tool("surfel-info"), file, "--json"}).output);
+  };
+  const nlohmann::json scan = json(folder / "scan.xyz");
+  EXPECT_EQ(scan["strays"], (nlohmann::json{{"count", 2}, {"first", 123}, {"at", {0, 0, 0}}}));
+  // The command that is named leaves out these points and no others.
+  ASSERT_EQ(scan["needs"][0]["topic"], "strays");
+  std::string command = scan["needs"][0]["command"];
+  command.replace(command.find("OUT"), 3, folder / "clean.ply");
+  const std::string bin = fs::path(tool("surfel-info")).parent_path();
+  const RunResult cut = run({"/bin/sh", "-c", "PATH=" + bin + ":$PATH && " + command});
+  EXPECT_EQ(cut.exit_code, 0) << command << cut.errors;
+  const nlohmann::json clean = json(folder / "clean.ply");
+  EXPECT_EQ(clean["count"], 998);
+  EXPECT_EQ(clean["strays"], nullptr);
 }
 
 TEST(SurfelInfo, EndsWithACommandThatRuns) {

@@ -114,6 +114,11 @@ std::vector<double> figures_of(const CloudSummary& summary) {
     out.insert(out.end(), {static_cast<double>(s.coverage->cells), s.coverage->hole_share,
                            s.coverage->overlap, s.coverage->cell_area_mean});
   }
+  out.push_back(summary.strays ? static_cast<double>(summary.strays->count) : -1);
+  if (summary.strays) {
+    out.push_back(static_cast<double>(summary.strays->first));
+    out.insert(out.end(), summary.strays->place.begin(), summary.strays->place.end());
+  }
   out.insert(out.end(), summary.view.up.begin(), summary.view.up.end());
   out.insert(out.end(), summary.view.front.begin(), summary.view.front.end());
   for (const auto& [name, a] : summary.attributes) {
@@ -150,10 +155,13 @@ TEST(CloudSummary, PiecesTellWhatTheWholeCloudTells) {
   bare.area = {};
   SurfelCloud holes = wavy(3000, false, 1);
   for (float& variance : holes.variance) variance /= 8;
+  SurfelCloud strays = wavy(3000, false, 1);
+  strays.position[700] = Vec3f(-1e6F, -2e6F, 0);
+  strays.position[2900] = Vec3f(0, 0, 300);
   const std::vector<SurfelCloud> clouds{
-      wavy(4000, false, 1), wavy(3000, true, 0), wavy(3000, false, 30), lattice(20, 3, 0.5F),
-      lattice(12, 40, 3),   lattice(1, 3000, 1), lattice(1, 1, 1),      lattice(30, 1, 1e-3F),
-      std::move(bare),      std::move(holes)};
+      std::move(strays),     wavy(4000, false, 1), wavy(3000, true, 0), wavy(3000, false, 30),
+      lattice(20, 3, 0.5F),  lattice(12, 40, 3),   lattice(1, 3000, 1), lattice(1, 1, 1),
+      lattice(30, 1, 1e-3F), std::move(bare),      std::move(holes)};
   for (std::size_t c = 0; c < clouds.size(); ++c) {
     const SurfelCloud& cloud = clouds[c];
     const CloudStatisticsOptions options{.samples = 400};
@@ -169,6 +177,32 @@ TEST(CloudSummary, PiecesTellWhatTheWholeCloudTells) {
     }
   }
   set_thread_count(0);
+}
+
+TEST(CloudSummary, StraysAreCountedAndTheFirstIsNamed) {
+  SurfelCloud cloud;
+  cloud.origin = {1e6, 2e6, 0};
+  for (int i = 0; i < 3000; ++i) {
+    const auto x = static_cast<float>(1 + i % 16) / 16;
+    const auto y = static_cast<float>(1 + i / 16 % 16) / 16;
+    cloud.position.emplace_back(x, y, 0.25F);
+  }
+  EXPECT_FALSE(summarize_cloud(cloud, {}, "a.ply").strays);
+  cloud.position[700] = Vec3f(-1e6F, -2e6F, 0.25F);
+  cloud.position[2900].z() = 300;
+  const CloudSummary summary = summarize_cloud(cloud, {}, "a b.ply");
+  ASSERT_TRUE(summary.strays);
+  EXPECT_EQ(summary.strays->count, 2U);
+  EXPECT_EQ(summary.strays->first, 700U);
+  EXPECT_EQ(summary.strays->place, Vec3d(0, 0, 0.25));
+  EXPECT_EQ(summary.needs.front().topic, "strays");
+  EXPECT_EQ(summary.needs.front().measure,
+            "2 of 3000 points lie far from all others; the first is point 700 (counted from 0) at "
+            "0, 0, 0.25");
+  // x and y are 0.0625 to 1 from the origin on.
+  EXPECT_EQ(summary.needs.front().command,
+            "surfel-convert 'a b.ply' "
+            "--bounds=1000000.06,2000000.06,0.24,1000001.01,2000001.01,0.26 -o OUT");
 }
 
 TEST(CloudSummary, RefusesSamplesThatDoNotFit) {

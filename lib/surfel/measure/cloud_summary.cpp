@@ -4,6 +4,7 @@
 #include <surfel/base/option_check.h>
 #include <surfel/io/cloud_survey.h>
 #include <surfel/measure/cloud_summary.h>
+#include <surfel/measure/stray_counter.h>
 #include <surfel/scene/clips.h>
 #include <surfel/scene/cloud_rows.h>
 #include <surfel/scene/surface_sample.h>
@@ -79,6 +80,12 @@ ViewGuess view_of(const SurfaceSample& sample, const SurfelCloud& like) {
   return guess_view(sample, {.up = like.up, .viewpoint = like.viewpoint});
 }
 
+/// Adds the strays that were counted to a summary that has all else.
+void add_strays(const StrayCounter& strays, const std::string& file, CloudSummary& out) {
+  out.strays = strays.strays();
+  if (out.strays) out.needs.insert(out.needs.begin(), strays.need(file));
+}
+
 }  // namespace
 
 std::uint64_t summary_bytes(std::uint64_t surfels, std::size_t row_bytes) {
@@ -96,6 +103,10 @@ CloudSummary summarize_cloud(const SurfelCloud& cloud, const CloudStatisticsOpti
   out.view = view_of(sample_surface(cloud), cloud);
   out.attributes = summarize_attributes(cloud, out.view.up);
   out.needs = cloud_needs(cloud, out.statistics, options, file);
+  StrayCounter strays;
+  strays.add(cloud);
+  strays.look(cloud);
+  add_strays(strays, file, out);
   return out;
 }
 
@@ -105,10 +116,12 @@ CloudSummary summarize_cloud(const CloudPasses& pieces, const CloudStatisticsOpt
   StreamedStatistics statistics(pieces, memory / 2, options);
   CloudFactCounter facts;
   Counter counter;
+  StrayCounter strays;
   pieces([&](const SurfelCloud& piece) {
     statistics.add(piece);
     facts.add(piece);
     counter.add(piece);
+    strays.add(piece);
   });
   const std::uint64_t surfels = counter.surfels();
   CloudSummary out = counter.summary();
@@ -116,6 +129,7 @@ CloudSummary summarize_cloud(const CloudPasses& pieces, const CloudStatisticsOpt
   pieces([&](const SurfelCloud& piece) {
     statistics.look(piece);
     facts.look(piece);
+    strays.look(piece);
     add_to_sample(piece, sampler);
   });
   out.view = view_of(sampler.sample(out.like.origin), out.like);
@@ -140,6 +154,7 @@ CloudSummary summarize_cloud(const CloudPasses& pieces, const CloudStatisticsOpt
   }
   out.needs = cloud_needs(facts.facts(), out.statistics, options, file,
                           [&](const CloudStatisticsOptions& at) { return statistics.holes(at); });
+  add_strays(strays, file, out);
   return out;
 }
 

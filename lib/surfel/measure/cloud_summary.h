@@ -3,6 +3,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -17,6 +18,13 @@
 
 namespace surfel {
 
+/// Points that lie far from most of a cloud.
+struct StrayPoints {
+  std::uint64_t count = 0;
+  std::uint64_t first = 0;  ///< The first one's number in the cloud, from 0 on.
+  Vec3d place{0, 0, 0};     ///< Its world coordinates.
+};
+
 /// What can be told of a cloud.
 struct CloudSummary {
   /// One surfel with all columns, and with all that holds for the whole cloud: the first one with a
@@ -24,6 +32,7 @@ struct CloudSummary {
   SurfelCloud like;
   bool tells_sensors = false;  ///< SurfelCloud::sensors() of the cloud are not empty.
   CloudStatistics statistics;
+  std::optional<StrayPoints> strays;      ///< Points outside of CoordinateSpread::core(), if any.
   std::array<std::size_t, 3> by_lines{};  ///< Surfels by the number of half-planes that cut them.
   std::size_t cut_off = 0;                ///< Surfels whose centre a half-plane cuts off.
   ViewGuess view;
