@@ -7,6 +7,7 @@
 #include <gtest/gtest.h>
 #include <surfel/base/error.h>
 #include <surfel/base/parallel.h>
+#include <surfel/base/random.h>
 #include <surfel/base/timing.h>
 #include <surfel/io/mesh_io.h>
 #include <surfel/sample/mesh_sampler.h>
@@ -544,6 +545,43 @@ TEST(SampleMesh, CountIsKeptAndCheapWhateverTheShapes) {
       EXPECT_NEAR(total(cloud.area), report.area, 1e-3 * report.area);
     }
   }
+}
+
+/// Loose needles of the length 1 and the width 1e-5 through the origin.
+/// \param spread  of their directions: 0: all in one place.
+TriangleMesh needles(int count, double spread) {
+  TriangleMesh mesh;
+  for (int i = 0; i < count; ++i) {
+    const auto at = static_cast<std::uint64_t>(i);
+    const auto coordinate = [&](std::uint64_t k) {
+      return spread * (random_uniform(7, at, k) - 0.5);
+    };
+    const Vec3d along =
+        (Vec3d(1, 0, 0) + Vec3d(coordinate(0), coordinate(1), coordinate(2))).normalized();
+    const Vec3d aside =
+        (along.unitOrthogonal() + spread * along.cross(along.unitOrthogonal())).normalized();
+    const Vec3d from = -0.5 * along + 1e-6 * static_cast<double>(i) / count * Vec3d(0, 1, 1);
+    add_triangle(mesh, from.cast<float>(), (from + along).cast<float>(),
+                 (from + 1e-5 * aside).cast<float>());
+  }
+  return mesh;
+}
+
+TEST(SampleMesh, SoupsOfNeedlesCostWhatTheirFacesAndSamplesDo) {
+  constexpr int kNeedles = 10000;
+  for (const double spread : {0.0, 4.0}) {
+    const TriangleMesh mesh = needles(kNeedles, spread);
+    for (const std::size_t count : {std::size_t{kNeedles}, std::size_t{2 * kNeedles}}) {
+      MeshSampleReport report;
+      EXPECT_EQ(sample_mesh(mesh, by_count(count), &report).size(), count);
+      EXPECT_EQ(report.components, std::size_t{kNeedles});
+    }
+  }
+  // Half a million samples, which an even choice of points would strew over needles that need 17
+  // times as many: this is known before they are made.
+  const Timer timer;
+  EXPECT_THROW(sample_mesh(needles(kNeedles, 4), by_spacing(3e-4)), Error);
+  EXPECT_LT(timer.milliseconds(), 1000);
 }
 
 TEST(SampleMesh, FanOfNeedlesFollowsAField) {

@@ -102,6 +102,9 @@ constexpr double kFewChunks = 1 << 14;
 /// For a spacing, samples by elimination are taken where they leave no more of the surface
 /// uncovered: loose slivers, narrower than the spacing, need samples in proportion to their length.
 constexpr double kMostUncovered = 0.03;
+/// Where there are more samples than faces it is asked first, of a few places, whether as much as
+/// this is sure to be uncovered: elimination would be in vain.
+constexpr double kSurelyUncovered = 0.25;
 /// Bytes of a sample and of a chunk, all tables of PoissonDisk and the cloud's columns together.
 constexpr double kSampleBytes = 300;
 constexpr double kChunkBytes = 150;
@@ -239,12 +242,16 @@ Sampled Sampling::with_spacing(double& spacing, std::size_t most_eliminated) con
     out.too_many = true;
     return out;
   }
-  EliminatedSamples found = elimination(spacing, static_cast<std::size_t>(samples));
-  if (found.uncovered > kMostUncovered) {
-    out.darts = dart_throwing(spacing);
-  } else {
-    out.eliminated = std::move(found.sample);
+  const bool in_vain = samples > static_cast<double>(faces.area.size()) &&
+                       least_uncovered(mesh, field, spacing, seed) > kSurelyUncovered;
+  if (!in_vain) {
+    EliminatedSamples found = elimination(spacing, static_cast<std::size_t>(samples));
+    if (found.uncovered <= kMostUncovered) {
+      out.eliminated = std::move(found.sample);
+      return out;
+    }
   }
+  out.darts = dart_throwing(spacing);
   return out;
 }
 

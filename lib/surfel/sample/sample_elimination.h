@@ -40,4 +40,10 @@ EliminatedSamples eliminate_samples(const TriangleMesh& mesh, const Array<std::u
                                     const SizingField& field, double spacing, std::size_t count,
                                     std::uint64_t seed);
 
+/// The share of the surface that eliminate_samples() leaves uncovered for a spacing, or less, at a
+/// hundredth of its cost: the mean over 32 places of how many candidates lie around them, as far as
+/// these are less than one.
+double least_uncovered(const TriangleMesh& mesh, const SizingField& field, double spacing,
+                       std::uint64_t seed);
+
 }  // namespace surfel
