@@ -21,11 +21,12 @@ namespace {
 /// How coordinates are told.
 enum class Values {
   kMillimetres,  ///< Decimals within 20 units.
+  kProducts,     ///< Doubles next to them: whole numbers times 0.001.
   kSurvey,       ///< Millimetres within 100,000 units.
   kDoubles,      ///< Random doubles of 17 digits.
   kFloats,
 };
-constexpr std::size_t kValues = 4;
+constexpr std::size_t kValues = 5;
 constexpr double kMoves[] = {1, 1e3, 1e5, 1e7};
 enum class Beside { kNothing, kStray, kStrays, kNotANumber, kUnfit };
 constexpr std::size_t kBesides = 5;
@@ -127,7 +128,8 @@ struct Case {
   bool possible() const {
     const PointFormat format = input().format;
     const bool steps = has_steps(format);
-    if (steps && (values() == Values::kDoubles || values() == Values::kFloats)) return false;
+    const bool decimal = values() == Values::kMillimetres || values() == Values::kSurvey;
+    if (steps && !decimal) return false;
     if (steps && beside() == Beside::kNotANumber) return false;
     if (is_las(format) && beside() == Beside::kUnfit) return false;
     if (command().outputs == Command::kPly && output() != "out.ply") return false;
@@ -248,6 +250,7 @@ class TestCloud {
       if (values == Values::kMillimetres || values == Values::kSurvey) {
         x = std::round(x * file.per_unit) / file.per_unit;
       }
+      if (values == Values::kProducts) x = std::round(x * 1000) * 0.001;
     }
     file.places.push_back(p);
   }
@@ -305,8 +308,8 @@ std::string word_of(double coordinate, bool found, std::size_t axis, const Case&
   } else if (file.single && (written.text || static_cast<double>(single) == coordinate)) {
     return shortest(single);
   }
-  // Steps tell a decimal, by a product and a sum of doubles.
-  if (has_steps(c.input().format) && !written.text) {
+  // Steps of LAS tell a decimal, by a product and a sum of doubles.
+  if (is_las(c.input().format) && !written.text) {
     const double decimal = std::round(coordinate * file.per_unit) / file.per_unit;
     const double rounding = 0x1p-50 * (std::abs(coordinate) + std::abs(file.offset));
     if (std::abs(decimal - coordinate) <= rounding) return shortest(decimal);
@@ -421,8 +424,8 @@ void PassesThrough::check(const Case& c) {
   if (pipe) write_text(out, result.output);
   const std::string what = fmt::format(
       "{} {} {}, {}, moved by {}, beside {}\n{}\n{}", c.command().name, c.input().name, c.output(),
-      std::array{"millimetres", "survey", "doubles", "floats"}[c.of[Case::kValue]], c.move(),
-      std::array{"nothing", "a stray", "strays", "NaN", "unfit"}[c.of[Case::kBeside]],
+      std::array{"millimetres", "products", "survey", "doubles", "floats"}[c.of[Case::kValue]],
+      c.move(), std::array{"nothing", "a stray", "strays", "NaN", "unfit"}[c.of[Case::kBeside]],
       fmt::join(command, " "), result.errors.substr(0, 400));
 
   // LAS has no word for what is not a number.

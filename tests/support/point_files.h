@@ -101,10 +101,8 @@ class PointFileMaker {
   double told(std::size_t i, std::size_t axis) const {
     const double value = points_.places[i][axis];
     if (is_text(format_)) return std::strtod(text(value).c_str(), nullptr);
-    const double scale = 1 / points_.per_unit;
-    if (format_ == PointFormat::kE57Steps) return std::round(value * points_.per_unit) * scale;
     if (format_ != PointFormat::kLas && format_ != PointFormat::kLaz) return value;
-    return steps(i, axis) * scale + points_.offset;
+    return steps(i, axis) * (1 / points_.per_unit) + points_.offset;
   }
 
  private:

@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <array>
 #include <bit>
+#include <cmath>
 #include <cstring>
 
 #include <fmt/format.h>
@@ -171,9 +172,15 @@ void E57Streams::decode(std::size_t field, const E57Values::Stream& from, std::s
       break;
   }
   const auto least = static_cast<std::uint64_t>(f.min);
+  // Where a scale is 0.001, a quotient is the double next to the number that is meant, unlike a
+  // product and a sum.
+  const double per_unit = std::round(1 / f.scale);
+  const double shift = f.offset * per_unit;
+  const bool whole = 1 / per_unit == f.scale && shift == std::round(shift);
   unpack_bits(from, bits_[field], count, [&](std::size_t i, std::uint64_t bits) {
     // The sum of unsigned numbers is the signed one's bits.
-    to[i] = static_cast<double>(static_cast<std::int64_t>(least + bits)) * f.scale + f.offset;
+    const auto steps = static_cast<double>(static_cast<std::int64_t>(least + bits));
+    to[i] = whole ? (steps + shift) / per_unit : steps * f.scale + f.offset;
   });
 }
 

@@ -385,8 +385,6 @@ bool SurfelDecoder::offsets_are_exact(const std::byte* records, std::size_t coun
 
 void SurfelDecoder::count_decimals(const std::byte* records, std::size_t count,
                                    int& decimals) const {
-  // A decimal number is rounded to a double, and so is its product.
-  constexpr double kRounding = 2 * std::numeric_limits<double>::epsilon();
   double power = power_of_ten(decimals);
   for (const RecordColumn* column : fields_[index(kPosition)].columns) {
     visit_column(*column, table_.swapped, [&](auto load) {
@@ -394,11 +392,8 @@ void SurfelDecoder::count_decimals(const std::byte* records, std::size_t count,
       for (std::size_t i = 0; i < count && decimals < kManyDecimals; ++i, at += table_.stride) {
         const auto value = static_cast<double>(load(at));
         if (!std::isfinite(value)) continue;
-        const auto is_whole = [&] {
-          const double scaled = value * power;
-          return std::abs(scaled - std::round(scaled)) <= kRounding * std::abs(scaled);
-        };
-        while (decimals < kManyDecimals && !is_whole()) power = power_of_ten(++decimals);
+        const auto is_decimal = [&] { return std::round(value * power) / power == value; };
+        while (decimals < kManyDecimals && !is_decimal()) power = power_of_ten(++decimals);
       }
     });
   }
