@@ -4,6 +4,7 @@
 
 #include <fmt/format.h>
 #include <surfel/align/scan.h>
+#include <surfel/base/coordinate_spread.h>
 #include <surfel/base/error.h>
 #include <surfel/base/morton.h>
 #include <surfel/base/parallel.h>
@@ -60,9 +61,12 @@ RigidPose RigidPose::operator*(const RigidPose& first) const {
 Scan make_scan(const SurfelCloud& cloud, const std::string& name) {
   constexpr std::size_t kLeastPoints = 100;
   Array<std::uint32_t> order = morton_order(cloud.position);
-  order.erase(std::partition_point(order.begin(), order.end(),
-                                   [&](std::uint32_t i) { return cloud.position[i].allFinite(); }),
-              order.end());
+  // Stray points match nothing, and would take the precision of the others.
+  CoordinateSpread spread;
+  spread.add(Vec3d::Zero(), cloud.position);
+  const Bounds core = spread.core(spread.box());
+  std::erase_if(order,
+                [&](std::uint32_t i) { return !core.contains(cloud.position[i].cast<double>()); });
   if (order.size() < kLeastPoints) {
     throw_input(name, fmt::format("{} finite points are too few to be aligned; at least {} are "
                                   "needed",

@@ -22,7 +22,7 @@ struct RigidPose {
   RigidPose operator*(const RigidPose& first) const;  ///< First the other, then this one.
 };
 
-/// The finite points of a scan about their own centre, made ready to be matched with others'.
+/// The finite points of a scan, without strays, about their own centre, made ready to be matched.
 struct Scan {
   Vec3d center{0, 0, 0};       ///< Mean of the points, world coordinates.
   double radius = 0;           ///< Of the ball around the centre that holds the points.
