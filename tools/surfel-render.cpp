@@ -287,7 +287,7 @@ std::vector<std::string> draw(surfel::tool::Tool& tool, const Settings& s, Subje
       options = surfel::part_options(*s.tiles, image.height, s.made_by, options);
       image = surfel::part_of(image, *s.tiles);
     } else if (says_made_by(s) && step + 1 == steps.size()) {
-      mark_picture(s, shot.number, options);
+      options.metadata.emplace_back("ImageDescription", made_by_mark(s, shot.number));
     }
     queue.write(std::move(image), shot.file, std::move(options));
     progress(1);
@@ -340,7 +340,7 @@ int main(int argc, char** argv) {
     if (s.tiles || says_made_by(s)) s.made_by = made_by(tool, s);
     std::optional<surfel::tool::Movie> movie;
     if (wants_film(s)) {
-      if (s.skip_existing && film_is_made(s)) {
+      if (s.skip_existing && is_marked(s.output, made_by_mark(s, {}))) {
         tool.note(s.output + " is there already");
         return;
       }
@@ -372,7 +372,7 @@ int main(int argc, char** argv) {
     std::vector<std::string> files = draw(tool, s, subject, scene, steps, views, shots, ranks);
     if (!leads) return;
     if (movie) {
-      movie->join(s.skip_existing ? film_mark(s) : "");
+      movie->join(s.skip_existing ? made_by_mark(s, {}) : "");
       files = {s.output};
     }
     const surfel::Camera& first = views[shots.front().number].camera;

@@ -202,7 +202,7 @@ TEST(CloudSummary, StraysAreCountedAndTheFirstIsNamed) {
   // x and y are 0.0625 to 1 from the origin on.
   EXPECT_EQ(summary.needs.front().command,
             "surfel-convert 'a b.ply' "
-            "--bounds=1000000.06,2000000.06,0.24,1000001.01,2000001.01,0.26 -o OUT");
+            "--bounds=1000000.061,2000000.061,0.249,1000001.001,2000001.001,0.251 -o OUT");
 }
 
 TEST(CloudSummary, RefusesSamplesThatDoNotFit) {

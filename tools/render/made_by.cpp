@@ -19,14 +19,6 @@ namespace {
 constexpr std::string_view kBegin = "surfelMadeBy: ";
 constexpr std::string_view kEnd = " :surfelMadeBy";
 
-std::string mark_of(const std::string& text) {
-  return std::string(kBegin) + text + std::string(kEnd);
-}
-
-std::string picture_mark(const Settings& s, std::size_t number) {
-  return mark_of(fmt::format("{} [picture {}]", s.made_by, number));
-}
-
 /// The mark that a file holds; nullopt where it holds none.
 std::optional<std::string> find_mark(const std::string& path) {
   constexpr std::size_t kMostMark = std::size_t{1} << 21;  // Commands are not longer.
@@ -43,22 +35,6 @@ std::optional<std::string> find_mark(const std::string& path) {
     }
   }
   return std::nullopt;
-}
-
-/// Does the file hold this mark? Throws Error(kInput) where there is a file that does not.
-bool is_marked(const std::string& path, const std::string& mark) {
-  std::error_code none;
-  if (!std::filesystem::exists(path, none)) return false;
-  const std::optional<std::string> found = find_mark(path);
-  if (found == mark) return true;
-  const auto text = [](const std::string& of) {
-    return of.substr(kBegin.size(), of.size() - kBegin.size() - kEnd.size());
-  };
-  const std::string why =
-      found ? fmt::format("was made by \"{}\", not by \"{}\"", text(*found), text(mark))
-            : "does not say what made it, as PNG, EXR, TIFF, JPEG, MP4 and WebM of --skip-existing "
-              "do";
-  throw_input(path, why + "; move it away, or write over it without --skip-existing");
 }
 
 }  // namespace
@@ -83,21 +59,27 @@ std::string made_by(tool::Tool& tool, const Settings& s) {
 
 bool says_made_by(const Settings& s) { return s.skip_existing || is_pattern(s.output); }
 
-std::string film_mark(const Settings& s) {
-  const std::string pictures =
-      s.frames ? fmt::format("{}-{}", (*s.frames)[0], (*s.frames)[1]) : std::string("all");
-  return mark_of(fmt::format("{} [pictures {}]", s.made_by, pictures));
+std::string made_by_mark(const Settings& s, std::optional<std::size_t> picture) {
+  const std::string what = picture ? fmt::format("picture {}", *picture)
+                           : s.frames
+                               ? fmt::format("pictures {}-{}", (*s.frames)[0], (*s.frames)[1])
+                               : "all pictures";
+  return fmt::format("{}{} [{}]{}", kBegin, s.made_by, what, kEnd);
 }
 
-bool picture_is_made(const Settings& s, const std::string& file, std::size_t number) {
-  return s.tiles ? part_is_there(file, *s.tiles, s.made_by)
-                 : is_marked(file, picture_mark(s, number));
-}
-
-bool film_is_made(const Settings& s) { return is_marked(s.output, film_mark(s)); }
-
-void mark_picture(const Settings& s, std::size_t number, ImageWriteOptions& options) {
-  options.metadata.emplace_back("ImageDescription", picture_mark(s, number));
+bool is_marked(const std::string& path, const std::string& mark) {
+  std::error_code none;
+  if (!std::filesystem::exists(path, none)) return false;
+  const std::optional<std::string> found = find_mark(path);
+  if (found == mark) return true;
+  const auto text = [](const std::string& of) {
+    return of.substr(kBegin.size(), of.size() - kBegin.size() - kEnd.size());
+  };
+  const std::string why =
+      found ? fmt::format("was made by \"{}\", not by \"{}\"", text(*found), text(mark))
+            : "does not say what made it, as PNG, EXR, TIFF, JPEG, MP4 and WebM of --skip-existing "
+              "do";
+  throw_input(path, why + "; move it away, or write over it without --skip-existing");
 }
 
 }  // namespace surfel::render_tool

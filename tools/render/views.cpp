@@ -206,7 +206,9 @@ std::vector<Shot> asked_shots(const tool::Tool& tool, const Settings& s, const s
     // Films are joined from pictures that are numbered from 0 on.
     const std::size_t number = wants_film(s) ? i - first : i;
     const std::string file = picture_name(output, number, names[s.path ? 0 : i / turns]);
-    if (s.skip_existing && picture_is_made(s, file, i)) continue;
+    const bool there = s.skip_existing && (s.tiles ? part_is_there(file, *s.tiles, s.made_by)
+                                                   : is_marked(file, made_by_mark(s, i)));
+    if (there) continue;
     shots.push_back({i, file});
   }
   if (const std::size_t skipped = last - first + 1 - shots.size(); skipped > 0) {

@@ -1,10 +1,14 @@
 #include <algorithm>
+#include <cmath>
 #include <optional>
 
+#include <fmt/format.h>
+#include <surfel/base/coordinate_spread.h>
+#include <surfel/base/elementary.h>
 #include <surfel/base/option_check.h>
+#include <surfel/base/shell_quote.h>
 #include <surfel/io/cloud_survey.h>
 #include <surfel/measure/cloud_summary.h>
-#include <surfel/measure/stray_counter.h>
 #include <surfel/scene/clips.h>
 #include <surfel/scene/cloud_rows.h>
 #include <surfel/scene/surface_sample.h>
@@ -80,11 +84,59 @@ ViewGuess view_of(const SurfaceSample& sample, const SurfelCloud& like) {
   return guess_view(sample, {.up = like.up, .viewpoint = like.viewpoint});
 }
 
-/// Adds the strays that were counted to a summary that has all else.
-void add_strays(const StrayCounter& strays, const std::string& file, CloudSummary& out) {
-  out.strays = strays.strays();
-  if (out.strays) out.needs.insert(out.needs.begin(), strays.need(file));
+/// A box a little larger than `box`, as --bounds takes it.
+std::string larger_box(const Bounds& box) {
+  const Vec3d largest = box.min.cwiseAbs().cwiseMax(box.max.cwiseAbs());
+  // So that no rounding, in double or to the digits that are printed, makes the box smaller.
+  const double margin = 1e-3 * box.diagonal() + 1e-12 * largest.maxCoeff() + 1e-300;
+  const auto digits = static_cast<int>(std::max(0.0, std::ceil(-portable::log10(margin))));
+  const Vec3d min = box.min.array() - margin;
+  const Vec3d max = box.max.array() + margin;
+  return fmt::format("{1:.{0}f},{2:.{0}f},{3:.{0}f},{4:.{0}f},{5:.{0}f},{6:.{0}f}", digits, min.x(),
+                     min.y(), min.z(), max.x(), max.y(), max.z());
 }
+
+/// Counts the points outside of CoordinateSpread::core() in a cloud whose pieces are handed on
+/// twice in their order: to add() and, once it has had all of them, to look().
+class StrayCounter {
+ public:
+  void add(const SurfelCloud& piece) { spread_.add(piece.origin, piece.position); }
+  void look(const SurfelCloud& piece) {
+    if (!core_) {
+      box_ = spread_.box();
+      core_ = spread_.core(box_);
+    }
+    const bool all = core_->min == box_.min && core_->max == box_.max;
+    for (std::size_t i = 0; !all && i < piece.size(); ++i) {
+      // As the spread has it.
+      const Vec3d place = piece.origin + piece.position[i].cast<double>();
+      if (!place.allFinite() || core_->contains(place)) continue;
+      if (!strays_) strays_ = StrayPoints{0, looked_at_ + i, piece.world(i)};
+      ++strays_->count;
+    }
+    looked_at_ += piece.size();
+  }
+  /// Adds the strays to a summary that has all else. \param file  the cloud's, in commands.
+  void finish(const std::string& file, CloudSummary& out) const {
+    out.strays = strays_;
+    if (!strays_) return;
+    const Vec3d& place = strays_->place;
+    const std::string measure = fmt::format(
+        "{} of {} points lie far from all others; the first is point {} (counted from "
+        "0) at {:.10g}, {:.10g}, {:.10g}",
+        strays_->count, looked_at_, strays_->first, place.x(), place.y(), place.z());
+    out.needs.insert(out.needs.begin(), {"strays", measure,
+                                         fmt::format("surfel-convert {} --bounds={} -o OUT",
+                                                     shell_file(file), larger_box(*core_))});
+  }
+
+ private:
+  CoordinateSpread spread_;
+  Bounds box_;
+  std::optional<Bounds> core_;
+  std::uint64_t looked_at_ = 0;
+  std::optional<StrayPoints> strays_;
+};
 
 }  // namespace
 
@@ -106,7 +158,7 @@ CloudSummary summarize_cloud(const SurfelCloud& cloud, const CloudStatisticsOpti
   StrayCounter strays;
   strays.add(cloud);
   strays.look(cloud);
-  add_strays(strays, file, out);
+  strays.finish(file, out);
   return out;
 }
 
@@ -154,7 +206,7 @@ CloudSummary summarize_cloud(const CloudPasses& pieces, const CloudStatisticsOpt
   }
   out.needs = cloud_needs(facts.facts(), out.statistics, options, file,
                           [&](const CloudStatisticsOptions& at) { return statistics.holes(at); });
-  add_strays(strays, file, out);
+  strays.finish(file, out);
   return out;
 }
 

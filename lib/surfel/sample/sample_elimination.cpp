@@ -386,62 +386,48 @@ EliminatedSamples Elimination::samples() const {
 /// Area of the triangle within the radius around p, or more: of the strip along its longest edge
 /// that is as wide as the triangle is high.
 double area_around(const FaceCorners& corner, double area, const Vec3d& p, double radius) {
-  Vec3d from = corner[0];
-  Vec3d along = Vec3d::Zero();
-  for (std::size_t k = 0; k < 3; ++k) {
-    const Vec3d edge = corner[(k + 1) % 3] - corner[k];
-    if (edge.squaredNorm() <= along.squaredNorm()) continue;
-    from = corner[k];
-    along = edge;
+  int longest = 0;
+  const auto edge = [&](int k) -> Vec3d { return corner[(k + 1) % 3] - corner[k]; };
+  for (int k = 1; k < 3; ++k) {
+    if (edge(k).squaredNorm() > edge(longest).squaredNorm()) longest = k;
   }
-  const double length = along.norm();
+  const double length = edge(longest).norm();
   if (!(length > 0)) return 0;
   const double height = 2 * area / length;
-  const double at = (p - from).dot(along) / length;
-  const double reach2 =
-      (radius + height) * (radius + height) - ((p - from).squaredNorm() - at * at);
-  if (!(reach2 > 0)) return 0;
-  const double reach = std::sqrt(reach2);
-  const double chord = std::min(length, at + reach) - std::max(0.0, at - reach);
-  return std::min(area, height * std::max(0.0, chord));
+  const Vec3d to_p = p - corner[longest];
+  const double at = to_p.dot(edge(longest)) / length;
+  const double reach2 = (radius + height) * (radius + height) - (to_p.squaredNorm() - at * at);
+  const double reach = std::sqrt(std::max(0.0, reach2));
+  const double strip = std::min(length, at + reach) - std::max(0.0, at - reach);
+  return std::min(area, height * std::max(0.0, strip));
 }
 
 }  // namespace
 
 double least_uncovered(const TriangleMesh& mesh, const SizingField& field, double spacing,
                        std::uint64_t seed) {
-  constexpr std::size_t kProbes = 32;
-  const std::size_t n = mesh.face.size();
-  double total = 0;
-  for (std::size_t f = 0; f < n; ++f) total += area_vector(face_corners(mesh, f)).norm() / 2;
-  std::array<std::size_t, kProbes> face{};
-  double up_to = 0;
-  for (std::size_t f = 0, k = 0; f < n && k < kProbes; ++f) {
-    up_to += area_vector(face_corners(mesh, f)).norm() / 2;
-    while (k < kProbes && up_to > total * (static_cast<double>(k) + 0.5) / kProbes) face[k++] = f;
-  }
-  std::array<double, kProbes> uncovered{};
-  parallel_each(kProbes, 1, [&](std::size_t k) {
-    const FaceCorners corner = face_corners(mesh, face[k]);
-    const Vec3d normal = area_vector(corner).normalized();
-    const double along = random_uniform(seed, k, 0);
-    const Vec3d p = corner[0] + along * (corner[1] - corner[0]) +
-                    (1 - along) * random_uniform(seed, k, 1) * (corner[2] - corner[0]);
-    const double size = spacing * field.at(p.cast<float>());
-    double around = 0;
-    for (std::size_t f = 0; f < n; ++f) {
-      const FaceCorners other = face_corners(mesh, f);
-      const Vec3d twice_area = area_vector(other);
+  constexpr std::size_t kPlaces = 32;
+  const FacesByArea faces(mesh, field);
+  std::array<double, kPlaces> uncovered{};
+  parallel_each(kPlaces, 1, [&](std::size_t i) {
+    Vec3f place;
+    const Candidate c = faces.draw(kNone, seed, i, place);
+    const Vec3d normal = area_vector(face_corners(mesh, c.face)).normalized();
+    const double size = spacing * static_cast<double>(c.size);
+    double area = 0;
+    for (std::size_t f = 0; f < mesh.face.size(); ++f) {
+      const FaceCorners corner = face_corners(mesh, f);
+      const Vec3d twice_area = area_vector(corner);
       const double length = twice_area.norm();
       if (twice_area.dot(normal) < static_cast<double>(PoissonDisk::kOpposedCosine) * length) {
         continue;
       }
-      around += area_around(other, length / 2, p, PoissonDisk::kCoverageRadius * size);
+      area += area_around(corner, length / 2, place.cast<double>(),
+                          PoissonDisk::kCoverageRadius * size);
     }
-    const double candidates = kCandidatesPerSample * around / (size * size);
-    uncovered[k] = 1 - std::min(1.0, candidates);
+    uncovered[i] = 1 - std::min(1.0, kCandidatesPerSample * area / (size * size));
   });
-  return std::accumulate(uncovered.begin(), uncovered.end(), 0.0) / kProbes;
+  return std::accumulate(uncovered.begin(), uncovered.end(), 0.0) / kPlaces;
 }
 
 EliminatedSamples eliminate_samples(const TriangleMesh& mesh, const Array<std::uint32_t>& component,
