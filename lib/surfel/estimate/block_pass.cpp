@@ -112,7 +112,7 @@ std::vector<HaloRegion> BlockPass::needed_regions(const LoadedBlock& loaded,
                                                   const HaloSearch& search,
                                                   const HaloTask& uncertain,
                                                   const BlockPoints& block) const {
-  constexpr float kRounding = 1 + 1e-4F;
+  constexpr float kRounding = 1 + 2e-5F;
   // A neighbourhood among the points that are known may hold far too much if it reaches further
   // than halos do: where it ends is then found in the whole cloud.
   float usual = 0;

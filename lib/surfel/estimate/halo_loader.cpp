@@ -45,6 +45,15 @@ HaloRegion region_of(std::span<const std::uint32_t> points, const BlockPoints& b
   return region;
 }
 
+/// Do points along the curve lie far from most of the others?
+bool have_strays(std::span<const std::uint32_t> points, const BlockPoints& block) {
+  constexpr float kFar = 16;
+  const std::size_t quarter = points.size() / 4;
+  const RunBox all = region_of(points, block).box;
+  const RunBox most = region_of(points.subspan(quarter, points.size() - 2 * quarter), block).box;
+  return (all.high - all.low).norm() > kFar * (most.high - most.low).norm();
+}
+
 /// The run of a block's point.
 std::size_t run_of(std::uint32_t point, const BlockPoints& block) {
   const auto& first = block.run_points;
@@ -70,14 +79,14 @@ HaloLoader::HaloLoader(const SurfelRanges& cloud, const RunIndex& index, HaloOpt
       grid_(cloud.grid()) {}
 
 /// Calls body(points) with the points of a block, which are given along the curve, in boxes of
-/// kRegionPoints at most.
+/// kRegionPoints at most, apart from those that lie far from them.
 template <class Body>
 void HaloLoader::cut(std::span<const std::uint32_t> points, const BlockPoints& block,
                      const Body& body) const {
   const auto code = [&](std::uint32_t i) { return grid_.code(block.cloud.position[i]); };
   const auto halve = [&](auto& self, std::span<const std::uint32_t> some, int bit) -> void {
     if (some.empty()) return;
-    if (some.size() <= kRegionPoints) {
+    if (some.size() <= kRegionPoints && (bit < 0 || !have_strays(some, block))) {
       body(some);
       return;
     }
