@@ -141,6 +141,21 @@ TEST(Xyz, MapCoordinatesKeepTheirDigits) {
   EXPECT_NEAR(cloud.world(1).y() - cloud.world(0).y(), 0.23, 1e-6);
 }
 
+TEST(Xyz, ColumnsAreFloatsWhereTheirNumbersAreWhatFloatsAreWrittenAs) {
+  const auto type_of = [](const std::string& number) {
+    return read_text("x,y,z,a\n0,0,0," + number + "\n", "a.csv").extra.at(0).type;
+  };
+  for (const char* number : {"0", "-1.435", "2.7139344e+20", "271393440246368567296", "0.12345679",
+                             "16777216", "1e-45", "3.4028235e+38", "nan", "inf"}) {
+    EXPECT_EQ(type_of(number), ScalarType::kFloat32) << number;
+  }
+  // 0.0009999986 and 0.0009999987 are next to the same float.
+  for (const char* number : {"0.0009999986", "0.123456789", "16777217", "413665.23", "1e-320",
+                             "5e-324", "1e39", "0.3333333333333333"}) {
+    EXPECT_EQ(type_of(number), ScalarType::kFloat64) << number;
+  }
+}
+
 TEST(Xyz, BrokenFilesAreRefused) {
   const auto expect = [](const std::string& text, const std::string& part) {
     EXPECT_NE(failure_of(text).find(part), std::string::npos) << failure_of(text);

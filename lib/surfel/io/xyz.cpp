@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <array>
+#include <charconv>
 #include <cmath>
 #include <cstring>
 #include <memory>
@@ -55,7 +56,7 @@ constexpr TextFormat kXyzText{.separators = " \t,;"};
 struct ValueFacts {
   double largest = 0;    ///< Of the finite values, or 0.
   bool codes = true;     ///< All are whole numbers >= 0.
-  bool in_float = true;  ///< All have so few digits that a float tells them.
+  bool in_float = true;  ///< All are floats, or what floats are written as.
 };
 
 /// A line of one number, which may be the count of a further list of points.
@@ -77,14 +78,15 @@ struct LineFacts {
   Bounds box;  ///< Of the finite coordinates.
 };
 
-/// Has the number so few digits that a float tells it?
+/// Is the number a float, or what a float is written as?
 bool fits_float(double value) {
-  constexpr double kMost = 1e7;
-  if (!std::isfinite(value) || value == static_cast<double>(static_cast<float>(value))) return true;
-  for (double scaled = value; std::abs(scaled) < kMost && scaled != 0; scaled *= 10) {
-    if (std::abs(scaled - std::round(scaled)) <= 1e-14 * std::abs(scaled)) return true;
-  }
-  return false;
+  const auto nearest = static_cast<float>(value);
+  if (!std::isfinite(value) || value == static_cast<double>(nearest)) return true;
+  std::array<char, 32> text{};
+  const char* const end = std::to_chars(text.data(), text.data() + text.size(), nearest).ptr;
+  double written = 0;
+  std::from_chars(text.data(), end, written);
+  return written == value;
 }
 
 /// Goes to the next line that holds something and splits it into words. A comment's words are
