@@ -21,15 +21,18 @@ std::span<const Fuzzer> readers();
 // Each says at its definition what the bytes are, and what must hold.
 void estimate(Bytes bytes);
 void gaussians(Bytes bytes);
+void names(Bytes bytes);
 void options(Bytes bytes);
 void polygon(Bytes bytes);
 void render(Bytes bytes);
+void requests(Bytes bytes);
+void settings(Bytes bytes);
+void written(Bytes bytes);
 
-inline constexpr Fuzzer kOthers[] = {{"estimate", estimate},
-                                     {"gaussians", gaussians},
-                                     {"options", options},
-                                     {"polygon", polygon},
-                                     {"render", render}};
+inline constexpr Fuzzer kOthers[] = {
+    {"estimate", estimate}, {"gaussians", gaussians}, {"names", names},
+    {"options", options},   {"polygon", polygon},     {"render", render},
+    {"requests", requests}, {"settings", settings},   {"written", written}};
 
 template <class Visit>
 void for_each_fuzzer(const Visit& visit) {

@@ -9,7 +9,7 @@ PATH=$tools:$PATH
 mkdir -p "$1"
 cd "$1"
 mkdir -p cloud_ply cloud_levels cloud_pcd cloud_text cloud_columns cloud_e57 cloud_expe cloud_ptx gaussian_ply gaussian_splat gaussian_spz gaussian_ksplat volume_nrrd volume_mha mesh_ply mesh_obj mesh_stl mesh_off mesh_gltf image_png image_exr scene camera colmap_text colmap_binary views \
-  material options polygon estimate gaussians render
+  material options polygon estimate gaussians render names requests settings written
 
 surfel-generate sphere --count 6 -o cloud_ply/binary.ply --quiet
 surfel-convert cloud_ply/binary.ply -o cloud_ply/text.ply --ascii --quiet
@@ -256,6 +256,52 @@ printf 'number = 1.5\nword = "text"\nflag = true\ncount = 7\nwords = ["a", 1, 2.
 printf '# comment\n[table]\nnumber = [1, 2]\nword = """a\nb"""\n' > options/tables
 printf '0.5 -1e3 inf' > options/blanks
 printf '1.5GiB' > options/bytes
+# A kind of file that names others, and the name; the byte 1 is the folder of all.
+printf '\0data.raw' > names/data
+printf '\0away/secret.raw' > names/away
+printf '\0\1/out/secret.raw' > names/absolute
+printf '\1data.raw\n\n' > names/nrrd
+printf '\1pipe\n\n' > names/nrrd_pipe
+printf '\2data.raw\n' > names/meta_image
+printf '\2zero\n' > names/meta_image_zero
+printf '\3m.mtl' > names/mtl
+printf '\3link' > names/mtl_link
+printf '\4sub/a b.png' > names/ply
+printf '\4..\\out\\secret.raw' > names/ply_out
+printf '\5data.raw' > names/buffer
+printf '\6sub/a%%20b.png' > names/image
+printf '\6file://\1/out/secret.raw' > names/image_out
+printf '\7whole' > names/scene
+get() { printf 'GET /token/%s HTTP/1.1\r\nHost: 127.0.0.1\r\n%b\r\n' "$@"; }
+get '' '' > requests/page
+get '0/records?first=0&end=2' '' > requests/records
+get '1/clusters?list=0,1' '' > requests/clusters
+get '1/clusters?list=0' 'Range: bytes=0-9,20-\r\n' > requests/range
+get '0/records?first=0&end=1' 'Content-Length: 3\r\n\r\nabc' > requests/body
+get '0/records' 'Transfer-Encoding: chunked\r\n\r\n3\r\nabc\r\n0\r\n' > requests/chunked
+printf 'HEAD /token HTTP/1.0\r\nConnection: keep-alive\r\nExpect: 100-continue\r\n\r\n' > requests/head
+printf 'POST /%%74oken/ HTTP/1.1\r\nContent-Type: application/x-www-form-urlencoded\r\nContent-Length: 3\r\n\r\na=b' > requests/post
+printf '/token/0/clusters?list=0' > requests/address
+# Bytes from 128 on repeat the last bytes: 188 + n the last 1 + n of them 32768 times.
+printf 'a.\275b = 1\n' > settings/dots
+printf 'a = [\274]' > settings/brackets
+printf 'a = "\\"\274"\nb = """#\274"""\n[[c]]\nd.e = { f = 1 }\n' > settings/quotes
+printf '{"a":\274' > settings/objects
+printf '{"frames": [[],\276]}' > settings/arrays
+printf '[[camera]]\neye = [0, 0, 3]\n\277' > settings/cameras
+# A kind of file, types of coordinates and colours, columns by name and type, and numbers by their kind.
+for kind in 0 1 2 3 4 5; do
+  {
+    printf "\\$kind\\5\\3\\0\\7\\3\\3\\25\\0"
+    printf '\3\1\2\3\3\1\2\4\3\1\2\5\7\100\0\2\0\7'
+    printf '\3\1\2\6\3\1\2\7\3\1\2\10\6\0\0\50\0\1'
+    printf '\0\0\0\0\0\0\1\201\0\6\12\0\3\0\2'
+  } > written/stray_$kind
+  {
+    printf "\\$kind\\2\\2\\24\\7\\25\\1"
+    head -c 60 "$script"
+  } > written/coloured_$kind
+done
 for name in polygon estimate gaussians render; do
   head -c 400 "$script" > "$name/text"
   printf '\0\x20\x10\x10\x70\x10\x70\x70\x10\x70\x20\x30\x40\x50' > "$name/few"

@@ -15,6 +15,8 @@ here=$surfel_root/tests/fuzz
 if [ $# -eq 0 ]; then
   for folder in "$here"/corpus/*/; do set -- "$@" "$(basename "$folder")"; done
 fi
+# Some write files.
+if [ -w /dev/shm ]; then export TMPDIR=/dev/shm; fi
 failed=0
 for name in "$@"; do
   export SURFEL_FUZZER=$name
@@ -26,10 +28,12 @@ for name in "$@"; do
     continue
   fi
   # Where bytes are numbers, few of them cover as much as many do, in less time.
-  case $name in estimate) most=256 ;; gaussians | render) most=512 ;; *) most=1024 ;; esac
+  case $name in names | settings) most=128 ;; estimate | written) most=256 ;; gaussians | render) most=512 ;; cloud_la[sz]) most=8192 ;; *) most=1024 ;; esac
   options=(-max_total_time=$((60 * minutes)) -timeout=10 -rss_limit_mb=2048 -max_len=$most -entropic=0 -print_final_stats=1)
   if [ -f "$here/dictionaries/$name.txt" ]; then options+=(-dict="$here/dictionaries/$name.txt"); fi
   folders=("$corpus" "$here/corpus/$name")
+  # The twins that LASzip has written.
+  case $name in cloud_la[sz]) folders+=("$surfel_root/tests/laz/laszip") ;; esac
   if [ -d "$here/found/$name" ]; then folders+=("$here/found/$name"); fi
   status=0
   "$build/tests/fuzzer" "${options[@]}" -artifact_prefix="$findings/" "${folders[@]}" > "$findings.log" 2>&1 || status=$?

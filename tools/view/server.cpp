@@ -96,18 +96,6 @@ class LimitedStream final : public httplib::Stream {
   std::size_t at_ = 0;
 };
 
-/// Answers one request a connection.
-class LimitedServer final : public httplib::Server {
-  bool process_and_close_socket(socket_t socket) override {
-    LimitedStream stream(socket);
-    bool closed = false;
-    const bool done = process_request(stream, true, closed, nullptr);
-    stream.finish();
-    close(socket);
-    return done;
-  }
-};
-
 /// Takes as many connections as there are threads; the system holds or refuses the others.
 class LimitedTasks final : public httplib::TaskQueue {
  public:
@@ -160,16 +148,37 @@ void answer(const ViewService& service, const httplib::Request& request,
   if (request.ranges.empty()) response.set_content(made.body, made.type.c_str());
 }
 
+/// Answers one request a connection.
+class LimitedServer final : public httplib::Server {
+ public:
+  explicit LimitedServer(const ViewService& service) {
+    // Before routing, since cpp-httplib reads the bodies of requests before it calls other
+    // handlers.
+    set_pre_routing_handler([&](const httplib::Request& request, httplib::Response& response) {
+      answer(service, request, response);
+      return HandlerResponse::Handled;
+    });
+  }
+
+  bool process_and_close_socket(socket_t socket) override {
+    LimitedStream stream(socket);
+    bool closed = false;
+    const bool done = process_request(stream, true, closed, nullptr);
+    stream.finish();
+    close(socket);
+    return done;
+  }
+};
+
 }  // namespace
 
+void answer_connection(const ViewService& service, int socket) {
+  LimitedServer(service).process_and_close_socket(socket);
+}
+
 void serve(const ViewService& service, FunctionRef<void(int port)> ready) {
-  LimitedServer server;
+  LimitedServer server(service);
   server.new_task_queue = [] { return new LimitedTasks; };
-  // Before routing, since cpp-httplib reads the bodies of requests before it calls other handlers.
-  server.set_pre_routing_handler([&](const httplib::Request& request, httplib::Response& response) {
-    answer(service, request, response);
-    return httplib::Server::HandlerResponse::Handled;
-  });
   const int port = server.bind_to_any_port(kLoopback);
   if (port <= 0) throw_io("", "no port of 127.0.0.1 is free");
   std::thread listener([&] { server.listen_after_bind(); });

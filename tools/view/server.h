@@ -7,6 +7,9 @@
 
 namespace surfel::view_tool {
 
+/// Answers the request that arrives at a socket within the limits of a server, and closes it.
+void answer_connection(const ViewService& service, int socket);
+
 /// Answers requests on a free port of the loopback interface until the run is interrupted.
 /// \param ready  is called with the port once connections are taken.
 ///

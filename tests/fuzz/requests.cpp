@@ -1,0 +1,90 @@
+#include <algorithm>
+#include <array>
+#include <cstdlib>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include <surfel/io/cloud_io.h>
+#include <surfel/lod/hierarchy.h>
+#include <surfel/view/view_service.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include "fuzz/checks.h"
+#include "support/test_data.h"
+#include "tools/view/server.h"
+#include "view/some_surfels.h"
+
+namespace surfel::fuzz {
+namespace {
+
+constexpr std::string_view kToken = "token";
+
+/// The service of two files, one of them with levels of detail.
+class SomeService {
+ public:
+  const ViewService& service() const { return service_; }
+
+ private:
+  std::string written(const SurfelCloud& cloud, const char* name) const {
+    write_cloud(cloud, folder_ / name);
+    return folder_ / name;
+  }
+
+  test::TemporaryFolder folder_;
+  ViewCloud plain_{written(test::sphere(300), "plain.ply"), {}};
+  ViewCloud levels_{written(build_hierarchy(test::sphere(600), {}), "levels.ply"), {}};
+  ViewService service_{{&plain_, &levels_}, {}, std::string(kToken)};
+};
+
+/// What a client gets that sends these bytes.
+std::string answer_to(const ViewService& service, Bytes bytes) {
+  std::array<int, 2> ends{};
+  require(socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends.data()) == 0, "no sockets");
+  const auto sent = send(ends[0], bytes.data(), bytes.size(), MSG_NOSIGNAL);
+  require(sent == static_cast<ssize_t>(bytes.size()), "a request is not sent");
+  shutdown(ends[0], SHUT_WR);
+  view_tool::answer_connection(service, ends[1]);
+  std::string answer;
+  std::array<char, 8192> part;
+  ssize_t got = 0;
+  while ((got = recv(ends[0], part.data(), part.size(), 0)) > 0) {
+    answer.append(part.data(), static_cast<std::size_t>(got));
+  }
+  close(ends[0]);
+  return answer;
+}
+
+void require_refused_without_token(int status, std::string_view request) {
+  // Addresses may have %74 for a t.
+  const bool has_token =
+      request.find(kToken) != std::string_view::npos || request.find('%') != std::string_view::npos;
+  require(status != 200 || has_token, "a request without the token is answered");
+}
+
+}  // namespace
+
+/// Sends the bytes to surfel-view's server as a request, and gives them to its service as an
+/// address: each answer has a status that the server knows, and without the token nothing is
+/// handed out.
+void requests(Bytes bytes) {
+  static const SomeService some;
+  const std::string_view text = as_text(bytes);
+  const std::size_t mark = std::min(text.find('?'), text.size());
+  const std::string_view query = text.substr(std::min(mark + 1, text.size()));
+  const int status = some.service().answer(text.substr(0, mark), query).status;
+  require_refused_without_token(status, text);
+
+  const std::string answer = answer_to(some.service(), bytes);
+  constexpr std::string_view kStart = "HTTP/1.1 ";
+  if (answer.empty()) return;
+  require(answer.starts_with(kStart), "an answer is not one of HTTP");
+  const int sent_status = std::atoi(answer.c_str() + kStart.size());
+  constexpr std::array kKnown{100, 200, 301, 400, 403, 404, 405, 413, 414, 416, 417, 431};
+  require(std::find(kKnown.begin(), kKnown.end(), sent_status) != kKnown.end(),
+          "an answer has status " + std::to_string(sent_status));
+  require_refused_without_token(sent_status, text);
+}
+
+}  // namespace surfel::fuzz
