@@ -57,7 +57,7 @@ TEST(LibraryMessages, NameFieldsNotOptions) {
   // sheet.
   const std::vector<std::string> commands = {"chart",      "cloud_needs.cpp",   "cloud_ranges.cpp",
                                              "colmap.cpp", "hard_cases.cpp",    "intake.cpp",
-                                             "page.cpp",   "stray_counter.cpp", "view_page.cpp"};
+                                             "page.cpp",   "cloud_summary.cpp", "view_page.cpp"};
   int files = 0;
   for (const auto& entry :
        fs::recursive_directory_iterator(fs::path(SURFEL_SOURCE_DIR) / "lib" / "surfel")) {

@@ -201,12 +201,12 @@ class TestCloud {
     const bool survey = c.values() == Values::kSurvey;
     // Floats must tell the points apart.
     const bool wide = c.values() == Values::kFloats && c.move() > 1e3;
-    extent_ = survey ? 1e5 : wide ? c.move() / 100 : 20;
+    const double extent = survey ? 1e5 : wide ? c.move() / 100 : 20;
     // 32 bits of millimetres do not reach 10,000 kilometres.
     if (is_las(c.input().format) && c.move() > 1e6) file.per_unit = 100;
     file.single = values == Values::kFloats;
     file.offset = is_las(c.input().format) ? c.move() : 0;
-    const double spacing = extent_ / kSide;
+    const double spacing = extent / kSide;
     file.variance = static_cast<float>(spacing * spacing);
     for (std::size_t i = 0; i < kSide * kSide; ++i) {
       double u = 0;
@@ -237,8 +237,6 @@ class TestCloud {
     return true;
   }
   static bool finite(const Place& p) { return std::isfinite(p[0] + p[1] + p[2]); }
-
-  double extent() const { return extent_; }
 
   FilePoints file;
 
@@ -279,7 +277,6 @@ class TestCloud {
 
   std::mt19937 engine_{1};
   std::array<Place, 2> core_;
-  double extent_ = 0;
 };
 
 /// What a file holds, or should: the triples of coordinates in words, and how often.
@@ -321,17 +318,19 @@ std::string word_of(double coordinate, bool found, std::size_t axis, const Case&
 /// coordinates by the finest steps that reach, which is said.
 void expect_las_steps(const Case& c, const TestCloud& cloud, const std::vector<Place>& truth,
                       const WrittenPoints& written, const std::string& errors) {
+  double reach = 0;
+  for (const Place& p : truth) {
+    reach = std::max({reach, std::abs(p[0]), std::abs(p[1]), std::abs(p[2])});
+  }
   for (std::size_t axis = 0; axis < 3; ++axis) {
     const double scale = written.scale[axis];
     const double offset = written.offset[axis];
     double worst = 0;
-    double largest = std::abs(offset);
     double least = truth[0][axis];
     double most = least;
     for (const Place& p : truth) {
       const double read = std::round((p[axis] - offset) / scale) * scale + offset;
       worst = std::max(worst, std::abs(read - p[axis]));
-      largest = std::max(largest, std::abs(p[axis]));
       least = std::min(least, p[axis]);
       most = std::max(most, p[axis]);
     }
@@ -339,9 +338,9 @@ void expect_las_steps(const Case& c, const TestCloud& cloud, const std::vector<P
       EXPECT_EQ(scale, 1 / cloud.file.per_unit);
       EXPECT_EQ(offset, cloud.file.offset);
     }
-    const double rounding = largest * 0x1p-50 + (cloud.file.single ? cloud.extent() * 0x1p-22 : 0);
-    if (worst <= rounding) continue;
-    EXPECT_LE(worst, scale * 0.5000001 + largest * 0x1p-50);
+    const double rounding = 0x1p-50 * (reach + std::abs(offset));
+    if (worst <= rounding + (cloud.file.single ? reach * 0x1p-24 : 0)) continue;
+    EXPECT_LE(worst, scale * 0.5000001 + rounding);
     EXPECT_TRUE(contains(errors, "rounded to steps")) << errors;
     if (!is_las(c.input().format)) {
       EXPECT_LE(scale, 20 * (most - least) / 4294967296.0);

@@ -570,6 +570,18 @@ TEST(EstimateBlocks, PointsWithoutOrderAreRefused) {
                Error);
 }
 
+TEST(EstimateBlocks, StraysAreNoDisorder) {
+  SurfelCloud cloud = sorted_points("terrain", 300000);
+  const auto side = static_cast<float>(cloud.bounds().diagonal());
+  for (std::size_t i = 0; i < 5; ++i) {
+    cloud.position[i] = side * Vec3f(-300 - 0.01F * static_cast<float>(i), -4000, 0);
+  }
+  cloud = sorted(cloud);
+  Collector collector;
+  estimate_by_blocks(MemoryRanges(cloud), up(), {.memory = std::uint64_t{12} << 20}, collector);
+  EXPECT_EQ(collector.surfels.size(), cloud.size());
+}
+
 TEST(PlaceSample, DependsOnThePlacesAlone) {
   std::vector<Vec3f> points;
   for (std::uint64_t i = 0; i < 200000; ++i) {
