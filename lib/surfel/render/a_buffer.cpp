@@ -108,8 +108,8 @@ bool is_far_side(const TileABuffer& tile, const Fragment& back, const EdgeNeighb
          around.nearest_front >= depth - kRimDepth * std::abs(depth);
 }
 
-/// Finds the surfaces that a pixel's fragments, nearest first, are parts of: those of one side that
-/// lie close together and of which none is a whole surface are slabs of one.
+/// Finds the surfaces that a pixel's fragments, nearest first, are parts of: fragments of one side
+/// are slabs of one surface where they lie close together and none of them is a whole surface.
 /// \param at  The fragment of a number.
 template <class At>
 class PixelSurfaces {
@@ -125,7 +125,7 @@ class PixelSurfaces {
                            surfaces_[before].sum + weight < kSeveralSurfaces * tile.mean_weight &&
                            surfaces_[before].last - depth <= kRimDepth * std::abs(depth);
       if (!goes_on) {
-        surfaces_[i] = {depth, depth, 0, -kInfinity, kInfinity};
+        surfaces_[i] = {depth, 0, -kInfinity, kInfinity};
         if (before >= 0) {
           // Around the pixel a fragment belongs to the surface next to it in depth.
           const float between = (surfaces_[before].last + depth) / 2;
@@ -154,8 +154,8 @@ class PixelSurfaces {
   static constexpr float kInfinity = std::numeric_limits<float>::infinity();
   static constexpr float kMany = 1e6F;  ///< More than any surface sums up to.
   struct Surface {
-    float first, last;  ///< Depths of its first and last fragments.
-    float sum;          ///< Of rho.
+    float last;  ///< Depth of its last fragment.
+    float sum;   ///< Of rho.
     float farthest, nearest;
   };
 
@@ -185,7 +185,8 @@ std::span<SeenFragment> look_at(const TileABuffer& tile, int count, const At& at
     hidden = hidden || hides(tile, fragment);
     const bool far_side = may_be_far && is_far_side(tile, fragment, look(fragment));
     if (!may_end) {
-      seen[i] = seen_at(tile, fragment, 0, far_side);
+      const bool ends = far_side && is_filtered(fragment.channel[kTag]);
+      seen[i] = seen_at(tile, fragment, ends ? 1.0F : 0.0F, far_side);
       continue;
     }
     if (!surfaces) surfaces.emplace(tile, count, at);
@@ -595,8 +596,8 @@ void add_to_layer(TileABuffer& tile, int layer, int pixel, const Fragment& more)
   }
 }
 
-/// The numbers of two fragments of a pixel that are next to each other among those of their side,
-/// close together, and parts of one surface by their sums: the closest pair.
+/// The numbers of two fragments of a pixel that are slabs of one surface by their depths and sums,
+/// no other fragment of their side between them: the closest pair, if there is one.
 std::optional<std::pair<int, int>> slabs_of_one(const TileABuffer& tile, const Sorted& sorted) {
   std::optional<std::pair<int, int>> found;
   float least = std::numeric_limits<float>::infinity();
