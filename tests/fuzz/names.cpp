@@ -130,6 +130,8 @@ void names(Bytes bytes) {
             "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 4 4 3\nencoding: raw\ndata file: " + name);
         break;
       case 2:
+        // Then the values follow in the file itself.
+        if (name.find("LOCAL") != std::string::npos) break;
         read_named_volume(file + ".mhd",
                           "NDims = 3\nDimSize = 4 4 3\nElementType = MET_UCHAR\n"
                           "ElementDataFile = " +

@@ -34,10 +34,10 @@ double share_inside(double distance, double cutoff) {
 
 constexpr int kPixels = 64;
 
-/// A pixel's fragments: the sums of rho of a front and of a back, and the tags' other bits.
+/// A pixel's fragments: the sums of rho of a front and of a back, and the spacing of the splats.
 struct Sums {
   double front = 0, back = 0;
-  std::uint32_t flags = kFineTag;
+  int step = 0;
   bool merged = false;
 };
 
@@ -62,7 +62,8 @@ Image with_edges(double cutoff, const std::function<Sums(int, int)>& sums,
           const double sum = front ? s.front : s.back;
           if (sum == 0) continue;
           tile.at(layer, kWeight, pixel) = s.merged ? -1 : static_cast<float>(sum);
-          tile.at(layer, kTag, pixel) = std::bit_cast<float>(s.flags | (front ? kFrontTag : 0));
+          tile.at(layer, kTag, pixel) = std::bit_cast<float>(
+              static_cast<std::uint32_t>(s.step) << kSpacingShift | (front ? kFrontTag : 0));
           ++layer;
         }
       }
@@ -129,15 +130,15 @@ TEST(EdgeCoverage, TakesTheLargerSumOfTheTwoSides) {
   }
 }
 
-/// Sums that are uneven by a sixth, in two ways: where there is no edge the pixels stay, and at an
-/// edge they count for less.
+/// Sums that are uneven by a sixth, as those of surfels that are more than a pixel apart, in two
+/// ways: where there is no edge the pixels stay, and at an edge they count for less.
 TEST(EdgeCoverage, UnevenSumsAreNoHoles) {
   const double mean = 1 - std::exp(-1.0);
   const auto uneven = [](int x, int y) {
     return 1 - random_uniform(3, static_cast<std::uint64_t>(y) * kPixels + x) / 3;
   };
   const Image inside = with_edges(
-      1, [&](int x, int y) { return Sums{.front = mean * uneven(x, y)}; },
+      1, [&](int x, int y) { return Sums{.front = mean * uneven(x, y), .step = 2}; },
       [](int, int) { return 1.0F; });
   for (int y = 0; y < kPixels; ++y) {
     for (int x = 0; x < kPixels; ++x) ASSERT_EQ(inside.pixel(x, y)[0], 1) << x << ' ' << y;
@@ -146,7 +147,7 @@ TEST(EdgeCoverage, UnevenSumsAreNoHoles) {
     return share_inside(from_line(x, y, 0.4), 1) * uneven(x, y) * 1.2;
   };
   const Image image = with_edges(
-      1, [&](int x, int y) { return Sums{.front = mean * even(x, y)}; },
+      1, [&](int x, int y) { return Sums{.front = mean * even(x, y), .step = 2}; },
       [&](int x, int y) { return capped(even(x, y)); });
   double sum2 = 0;
   double sums2 = 0;
@@ -187,7 +188,7 @@ TEST(EdgeCoverage, LargeSplatsAreLeftAlone) {
   const double mean = 1 - std::exp(-1.0);
   const auto share = [&](int x, int y) { return share_inside(from_line(x, y, 0.4), 1); };
   const Image image = with_edges(
-      1, [&](int x, int y) { return Sums{.front = mean * share(x, y), .flags = 0}; },
+      1, [&](int x, int y) { return Sums{.front = mean * share(x, y), .step = kCoarseStep}; },
       [&](int x, int y) { return capped(share(x, y)); });
   for (int y = 0; y < kPixels; ++y) {
     for (int x = 0; x < kPixels; ++x) ASSERT_EQ(image.pixel(x, y)[0], capped(share(x, y)));

@@ -180,9 +180,11 @@ TEST(Stability, GrazingHillsLeaveNoHolesWithFewLayers) {
   int holes = 0;
   for (int y = 0; y < 64; ++y) {
     for (int x = 0; x < 64; ++x) {
-      if (truth.pixel(x, y)[3] < 0.99F) continue;
+      // The hills are six pixels high, so that few of them are further than the pixel filter's
+      // reach from the outline.
+      if (truth.pixel(x, y)[3] < 0.9F) continue;
       ++solid;
-      holes += image.pixel(x, y)[3] < 0.9F ? 1 : 0;
+      holes += image.pixel(x, y)[3] < truth.pixel(x, y)[3] - 0.1F ? 1 : 0;
     }
   }
   EXPECT_GT(solid, 150);

@@ -39,10 +39,6 @@ bool at_rims(const Fragment& a, const Fragment& b) {
   return is_grazing(a.channel[kTag]) && is_grazing(b.channel[kTag]);
 }
 
-/// The two sides of a body at its silhouette are not further apart than this part of their
-/// distance, as a rule.
-constexpr float kRimDepth = 0.02F;
-
 /// May a front be seen before a nearer back that covers the pixel? Beyond a silhouette it is: the
 /// tangent planes part fast there, but other bodies are further away.
 bool at_one_rim(const Fragment& back, const Fragment& front) {
@@ -143,7 +139,9 @@ class PixelSurfaces {
   /// The depths of the surface of a fragment around the pixel.
   SurfaceRange range(int i) const {
     const Surface& surface = surfaces_[of_[i]];
-    return {shows_front(at_(i).channel[kTag]), surface.nearest, surface.farthest, surface.sum};
+    const float tag = at_(i).channel[kTag];
+    return {shows_front(tag), surface.nearest, surface.farthest, surface.sum,
+            spacing_step(std::bit_cast<std::uint32_t>(tag))};
   }
   /// The number of the surface of a fragment: of its first fragment.
   int of(int i) const { return of_[i]; }

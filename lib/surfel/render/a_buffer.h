@@ -47,13 +47,14 @@ inline constexpr int kMostLayers = 64;
 /// An opacity from which on nothing behind is seen in 8 bits, with room to spare.
 inline constexpr float kOpaqueAlpha = 0.9995F;
 
-/// Where the sums of rho are at least this share of tau all around, a surface has no edge.
-inline constexpr float kInsideShare = 0.5F;
-
 /// Fragments whose sums of rho together are up to kOneSurface of the mean sum are parts of one
 /// surface; sums of several whole ones are more than kSeveralSurfaces of it.
 inline constexpr float kOneSurface = 1.15F;
 inline constexpr float kSeveralSurfaces = 1.35F;
+
+/// The two sides of a body at its silhouette are not further apart than this part of their
+/// distance, as a rule.
+inline constexpr float kRimDepth = 0.02F;
 
 /// Shape of a tile's A-buffer: patches x layers x channels x kPatchPixels floats. The values of a
 /// vector of pixels lie together: planes of a whole tile would be a power of two apart, which

@@ -21,14 +21,15 @@
 
 namespace surfel {
 
-/// The opacities of an opaque picture's pixels near silhouettes and borders, by an EdgeFilter of
-/// the picture's sums of rho.
+/// The opacities of an opaque picture's pixels near silhouettes, borders and gaps, by an EdgeFilter
+/// of the picture's sums of rho.
 ///
-/// Each side of a body sums up to the body's coverage. Whatever the fragments are that a grazing
-/// surface falls into, the larger one of the two sides' sums counts. Only pixels near places where
-/// S falls below one half are changed: elsewhere uneven sums are no edges (tau). Surfels that lines
-/// cut take part where they are smaller than the pixel filter: the filtered sums tell more there
-/// than the lines do.
+/// Each side of a body sums up to the body's coverage: the larger one of the two sides' sums
+/// counts. Of several surfaces of a side in a pixel those that lie close together are of one body,
+/// whose outlines run side by side, and the largest counts; others cover independent parts (12).
+/// Where several scans of one surface are joined its sums are multiples of the mean: the mean is
+/// that of the place. Surfels that lines cut take part where they are smaller than the pixel
+/// filter: the filtered sums tell more there than the lines do.
 class SURFEL_API EdgeCoverage {
  public:
   /// Room for pictures of a pixel filter's standard deviation, pixels.
@@ -41,9 +42,9 @@ class SURFEL_API EdgeCoverage {
   /// \param inside  with kNo pixels are empty until set_opacity() is called; other tiles have one
   ///                fragment in every pixel, whose sum tells the opacity.
   void store(const TileABuffer& tile, TileInside inside);
-  /// The same for a tile inside a surface whose splats all are fine and end at no lines.
-  /// \param least  the least sum of rho.
-  void store_inside(const TileABuffer& tile, float least);
+  /// The same for a tile inside a surface of which no splats are coarse (kCoarseStep) or end at
+  /// lines.
+  void store_inside(const TileABuffer& tile);
   /// Notes the opacity that a pixel of a stored tile was resolved to.
   void set_opacity(int x, int y, float opacity) { note_opacity(at(x, y), opacity); }
   /// The same for pixels that follow one another in a row of a tile's strip.
@@ -64,26 +65,29 @@ class SURFEL_API EdgeCoverage {
   void apply(Image& image, const RowRange& rows, FunctionRef<Rgba(int x, int y)> behind);
 
  private:
-  /// Surfaces end within so many pixels of filtered sums of less than one half.
+  /// Surfaces end within so many pixels of filtered sums that are too small for their inside.
   static constexpr int kMostReach = 8;
   static constexpr int kTaps = EdgeFilter::kTaps;
+  static constexpr std::size_t kPatches = kTilePixels / kPatchPixels;
 
-  /// Numbers in steps of 1 / kScale, and a flag each.
+  /// What is known of a pixel. Sums and opacities are in steps of 1 / kScale.
   struct Pixel {
-    std::uint16_t sum;      ///< Sum over the mean sum, 1 at most.
+    std::uint16_t sum;      ///< Over the mean sum, kMostSum at most.
+    std::uint16_t all;      ///< The same, if all surfaces of a side are one.
     std::uint16_t opacity;  ///< As resolved.
+    std::uint8_t step;      ///< spacing_step(); pixels of kCoarseStep are not changed.
+    bool merged;            ///< The sums leave some out.
   };
-  static constexpr float kScale = 32767;
-  static constexpr std::uint16_t kFlag = 0x8000;
-  static constexpr std::uint16_t kKept = kFlag;    ///< Of Pixel::sum: the pixel is not changed.
-  static constexpr std::uint16_t kMerged = kFlag;  ///< Of Pixel::opacity: the sum leaves some out.
+  static constexpr float kMostSum = 4;
+  static constexpr float kScale = 65535 / kMostSum;
 
-  /// Bounds of a tile's sums.
+  /// What is known of a tile.
   struct Range {
-    float least = 0, most = 0;
-    /// Instead of pixels there are the sums of rho, as floats in the order of the A-buffer.
+    float most = 0;     ///< The largest sum over the mean sum.
+    bool ends = false;  ///< Somewhere a sum is less than a surface's inside has, or not known.
+    /// Instead of pixels there are the sums of rho, as floats in the order of the A-buffer, whose
+    /// last bits are the spacing_step().
     bool raw = false;
-    bool merged = false;  ///< There are pixels with merged surfaces.
   };
   /// A pixel that no kernel reaches.
   struct Unreached {
@@ -94,24 +98,22 @@ class SURFEL_API EdgeCoverage {
     static constexpr int kMargin = kMostReach + kTaps;
     static constexpr int kSide = kTileSize + 2 * kMargin;
     using Plane = std::array<std::array<float, kSide>, kSide>;
-    Plane sum, rows, smooth;
+    Plane sum, slack, rows, smooth;
     std::vector<Unreached> unreached;
   };
 
   static std::uint16_t steps_of(float share) {
-    return static_cast<std::uint16_t>(share * kScale + 0.5F);
+    return static_cast<std::uint16_t>(std::min(share, kMostSum) * kScale + 0.5F);
   }
+  static float share_of(std::uint16_t steps) { return static_cast<float>(steps) * (1 / kScale); }
   static void note_opacity(Pixel& pixel, float opacity) {
-    const std::uint16_t steps = steps_of(std::clamp(opacity, 0.0F, 1.0F));
-    if ((pixel.sum & kKept) != 0) {
-      pixel.sum = kKept | steps;
-    } else if ((pixel.opacity & kMerged) != 0) {
-      pixel.sum = std::max(pixel.sum, steps);
+    pixel.opacity = steps_of(std::clamp(opacity, 0.0F, 1.0F));
+    if (pixel.step == kCoarseStep) {
+      pixel.sum = pixel.all = pixel.opacity;
+    } else if (pixel.merged) {
+      pixel.sum = std::max(pixel.sum, pixel.opacity);
+      pixel.all = std::max(pixel.all, pixel.opacity);
     }
-    pixel.opacity = static_cast<std::uint16_t>((pixel.opacity & kMerged) | steps);
-  }
-  static float opacity_of(const Pixel& pixel) {
-    return static_cast<float>(pixel.opacity & ~kMerged) / kScale;
   }
   Pixel& at(int x, int y) {
     return pixels_[tile_of(x, y) * kTilePixels +
@@ -127,7 +129,8 @@ class SURFEL_API EdgeCoverage {
   bool any_around(int tile_x, int tile_y, const Holds& holds) const;
   void unpack(std::size_t tile);
   bool may_have_edges(int tile_x, int tile_y) const;
-  std::pair<float, float> gather(int x0, int y0, Scratch& scratch) const;
+  float gather(int x0, int y0, Scratch& scratch) const;
+  float mean_at(int x, int y) const;
   void filter(Scratch& scratch) const;
   void change_tile(int x0, int y0, Scratch& scratch, Image& image,
                    FunctionRef<Rgba(int x, int y)> behind);
@@ -141,6 +144,8 @@ class SURFEL_API EdgeCoverage {
   int tiles_x_ = 0, tiles_y_ = 0;
   Array<Pixel> pixels_;  ///< Tile by tile, row by row.
   std::vector<Range> ranges_;
+  /// Of the tiles' patches: their mean sums over the mean sum within a surface.
+  std::vector<std::array<float, kPatches>> means_;
   PerWorker<Scratch> scratch_;
 };
 

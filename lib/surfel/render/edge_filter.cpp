@@ -1,6 +1,5 @@
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
 #include <surfel/base/elementary.h>
 #include <surfel/render/edge_filter.h>
@@ -8,18 +7,41 @@
 namespace surfel {
 namespace {
 
-double normal_distribution(double z) { return portable::erfc(-z / std::numbers::sqrt2) / 2; }
+constexpr int kTaps = EdgeFilter::kTaps;
 
-/// Deviations from a straight edge's opacity that uneven sums make, too: of small sums, as of what
-/// is smaller than a pixel, a share.
-constexpr float kUneven = 0.03F;
-constexpr float kUnevenShare = 0.1F;
+/// Samples of a Gaussian of a variance, pixels^2, that add up to 1.
+std::array<double, kTaps + 1> gaussian(double variance) {
+  std::array<double, kTaps + 1> taps;
+  double sum = 0;
+  for (int i = 0; i <= kTaps; ++i) {
+    taps[i] = portable::exp(-i * i / (2 * variance));
+    sum += (i == 0 ? 1 : 2) * taps[i];
+  }
+  for (double& tap : taps) tap /= sum;
+  return taps;
+}
 
-/// Sums below this that are larger than the sums around them are of something smaller than a pixel:
-/// outside of a straight edge sums are smaller than the mean of the sums around.
-constexpr float kSmall = 0.3F;
+std::array<float, kTaps + 1> rounded(const std::array<double, kTaps + 1>& taps) {
+  return {static_cast<float>(taps[0]), static_cast<float>(taps[1]), static_cast<float>(taps[2])};
+}
 
-bool is_small(float sum, float laplacian) { return sum < kSmall && laplacian < 0; }
+double variance_of(const std::array<double, kTaps + 1>& taps) {
+  return 2 * (taps[1] + 4 * taps[2]);
+}
+
+/// Taps whose own variance is this one, as far as there are taps for it.
+std::array<double, kTaps + 1> of_variance(double variance) {
+  // Samples of narrow Gaussians have less variance than these.
+  constexpr double kNarrow = 0.4;
+  if (variance < kNarrow) return {1 - variance, variance / 2, 0};
+  double low = 0;
+  double high = 16;
+  for (int i = 0; i < 60; ++i) {
+    const double middle = (low + high) / 2;
+    (variance_of(gaussian(middle)) < variance ? low : high) = middle;
+  }
+  return gaussian(high);
+}
 
 }  // namespace
 
@@ -27,55 +49,28 @@ EdgeFilter::EdgeFilter(double cutoff, double lowpass) {
   const double lost = portable::exp(-cutoff);
   inv_mean_ = static_cast<float>(1 / (1 - lost));
   // As wide as the pixel filter, but no wider than the taps allow.
-  const double deviation = std::min(1.0, lowpass);
-  double sum = 0;
-  double variance = 0;
-  std::array<double, kTaps + 1> taps;
-  for (int i = 0; i <= kTaps; ++i) {
-    taps[i] = portable::exp(-portable::squared(i / deviation) / 2);
-    sum += (i == 0 ? 1 : 2) * taps[i];
-    variance += 2 * taps[i] * i * i;
-  }
-  variance /= sum;
-  for (int i = 0; i <= kTaps; ++i) taps_[i] = static_cast<float>(taps[i] / sum);
+  const auto even = gaussian(portable::squared(std::min(1.0, lowpass)));
+  even_ = rounded(even);
   // The variance along an axis of a unit Gaussian cut off at beta < c is 1 - c e^-c / (1 - e^-c).
-  const double of_kernel = 1 - cutoff * lost / (1 - lost);
-  const double k2 = of_kernel + variance / (lowpass * lowpass);
-  backward_ = static_cast<float>((k2 - 1) / 2 * lowpass * lowpass);
-  // The table's places are found as z goes from far outside to far inside.
-  const double k = std::sqrt(k2);
-  constexpr double kFar = 6;
-  constexpr int kSteps = 4096;
-  double before = 0;
-  double sharp_before = 0;
-  int next = 0;
-  for (int step = 0; step <= kSteps; ++step) {
-    const double z = kFar * (2.0 * step / kSteps - 1);
-    const double here = step == kSteps ? 1 : normal_distribution(z);
-    const double sharp = step == kSteps ? 1 : normal_distribution(k * z);
-    for (; next <= kTable && next <= here * kTable; ++next) {
-      const double share = here > before ? (1.0 * next / kTable - before) / (here - before) : 0;
-      sharpen_[next] = static_cast<float>(sharp_before + share * (sharp - sharp_before));
-    }
-    before = here;
-    sharp_before = sharp;
+  const double lacking = cutoff * lost / (1 - lost);
+  const double filter = lowpass * lowpass;
+  // From this step on all is evened out.
+  constexpr double kUneven = 2.5;
+  for (int step = 0; step < kSpacingSteps; ++step) {
+    const double share = std::min(1.0, step / kUneven);
+    const auto taps =
+        of_variance(lacking * filter + share * std::max(0.0, variance_of(even) - lacking * filter));
+    const double k = std::sqrt(std::max(1.0, 1 - lacking + variance_of(taps) / filter));
+    completing_[step] = {rounded(taps), static_cast<float>(k - 1)};
   }
 }
 
-float EdgeFilter::sharpened(float sum, float laplacian) const {
-  const float place = std::clamp(sum, 0.0F, 1.0F) * kTable;
-  const int i = std::min(static_cast<int>(place), kTable - 1);
-  const float straight =
-      sharpen_[i] + (place - static_cast<float>(i)) * (sharpen_[i + 1] - sharpen_[i]);
-  const float difference = sum - backward_ * laplacian - straight;
-  const float uneven =
-      is_small(sum, laplacian) ? 0 : std::min({kUneven, kUnevenShare * sum, sum * sum});
-  const float other = difference - std::clamp(difference, -uneven, uneven);
-  return std::clamp(straight + other, 0.0F, 1.0F);
-}
-
-float EdgeFilter::edge_by(float low) {
-  return std::clamp((kEdgeSum - low) / (kEdgeSum - kSurelyEdge), 0.0F, 1.0F);
+float EdgeFilter::mean_of_middle(const Window& window) {
+  float sum = 0;
+  for (int y = kReach - 1; y <= kReach + 1; ++y) {
+    for (int x = kReach - 1; x <= kReach + 1; ++x) sum += window[y][x];
+  }
+  return sum / 9;
 }
 
 /// The least of means over parts of the window's border.
@@ -92,23 +87,16 @@ float EdgeFilter::least_of_border(const Window& window) {
   return low;
 }
 
-float EdgeFilter::coverage_of(const Window& window) const {
-  // By the row of the window and the column from the one left of the middle.
-  std::array<std::array<float, 3>, kSide> rows;
-  for (int y = 0; y < kSide; ++y) {
-    const float* const s = window[y].data();
-    for (int x = 0; x < 3; ++x) {
-      rows[y][x] = smooth(s[x], s[x + 1], s[x + 2], s[x + 3], s[x + 4]);
-    }
+float EdgeFilter::completed(const Window& window, int step) const {
+  std::array<float, 2 * kTaps + 1> rows;
+  for (int y = 0; y <= 2 * kTaps; ++y) {
+    const float* const s = window[y + kReach - kTaps].data() + kReach - kTaps;
+    rows[y] = complete(step, s[0], s[1], s[2], s[3], s[4]);
   }
-  const auto at = [&](int x, int y) {
-    return smooth(rows[y][x], rows[y + 1][x], rows[y + 2][x], rows[y + 3][x], rows[y + 4][x]);
-  };
-  const float sum = at(1, 1);
-  const float laplacian = (at(0, 1) + at(2, 1)) + (at(1, 0) + at(1, 2)) - 4 * sum;
-  const float coverage = sharpened(sum, laplacian);
   // What is smaller than a pixel would lose what it covers beyond its kernels.
-  return is_small(sum, laplacian) ? std::max(coverage, window[kReach][kReach]) : coverage;
+  constexpr float kSmall = 0.3F;
+  const float sum = complete(step, rows[0], rows[1], rows[2], rows[3], rows[4]);
+  return sum < kSmall ? std::max(sum, window[kReach][kReach]) : sum;
 }
 
 }  // namespace surfel

@@ -2,86 +2,126 @@
 
 // The coverage of pixels near edges by the sums of rho around them.
 
+#include <algorithm>
 #include <array>
+#include <cmath>
+#include <cstdlib>
 
 #include <surfel/base/export.h>
+#include <surfel/render/splat.h>
 
 namespace surfel {
 
-/// As a_k is the area that a surfel stands for, the sum of rho over its mean is the surface's
-/// coverage, filtered by the mean kernel: the pixel filter, cut off at beta < c. It is uneven as
-/// the samples are. To get the coverage as the pixel's whole Gaussian filters it, the sums are
-/// filtered once more, which evens them out, and then sharpened by the ratio k of the widths: where
-/// the surface ends at a straight line, each of the filters leaves a normal distribution Phi of the
-/// distance, so that the sum S becomes Phi(k Phi^-1(S)). Near corners and in thin parts the
-/// backward heat equation S - (k^2 - 1) / 2 Laplace(S), in units of the pixel filter, corrects
-/// that; it holds for any shape to first order. Surfels are foreshortened across a silhouette, so
-/// that k leaves their own extent out.
+/// As a_k is the area that a surfel stands for, the sum of rho over its mean, S, is the surface's
+/// coverage, filtered by the mean kernel: the pixel filter, cut off at beta < c. A further filter
+/// of the variance that the cut-off kernel lacks makes that the coverage which the pixel's whole
+/// Gaussian sees, whatever the shape is: straight edges, corners, bars, and gaps that are narrower
+/// than a pixel.
+///
+/// Sums are uneven, as the samples are. What is an edge or a gap, and what is unevenness, is told
+/// by sums that are evened out by a filter as wide as a pixel, and by the distance of the surfels:
+/// the closer they lie, the more even are the sums within a surface.
 class SURFEL_API EdgeFilter {
  public:
-  /// The filter's taps on either side of a pixel.
+  /// The filters' taps on either side of a pixel.
   static constexpr int kTaps = 2;
   /// Pixels on either side whose sums the coverage of a pixel depends on.
   static constexpr int kReach = kTaps + 1;
   static constexpr int kSide = 2 * kReach + 1;
-  /// Surfaces end where filtered sums fall below this ...
-  static constexpr float kEdgeSum = 0.5F;
-  /// ... and surely so where they fall below this: elsewhere uneven sums are no edges.
-  static constexpr float kSurelyEdge = 0.3F;
 
   /// For pictures of a cutoff and of a pixel filter's standard deviation, pixels.
   EdgeFilter(double cutoff, double lowpass);
 
   /// 1 / the mean sum of rho within a surface.
   float inv_mean() const { return inv_mean_; }
-  /// Filters five values.
+  /// Evens out five values.
   float smooth(float a, float b, float middle, float c, float d) const {
-    return taps_[0] * middle + (taps_[1] * (b + c) + taps_[2] * (a + d));
+    return filtered(even_, a, b, middle, c, d);
   }
-  /// The coverage of a pixel by its filtered sum, over the mean, and that sum's Laplacian.
-  float sharpened(float sum, float laplacian) const;
-  /// The degree, 0 to 1, to which a surface ends that has a filtered sum so low near a pixel.
-  static float edge_by(float low);
+  /// Completes five values of a surface of a spacing_step().
+  float complete(int step, float a, float b, float middle, float c, float d) const {
+    return filtered(completing_[step].taps, a, b, middle, c, d);
+  }
+  /// Surfaces of splats of a spacing_step() end near pixels where the evened out sums, over the
+  /// mean, fall below this: of random samples one in 10,000 such sums is less.
+  static constexpr float least_inside(int step) {
+    return 0.93F - 0.125F * static_cast<float>(step);
+  }
+  /// The coverage by a completed sum over the mean.
+  float coverage(float sum, int step) const {
+    // Where k is the ratio of the widths, a straight edge's Phi(d) is Phi(k Phi^-1(sum)), of which
+    // the derivative by k is nearly this at k = 1.
+    const float share = std::clamp(sum, 0.0F, 1.0F);
+    const float sharper = 1.94F * (share - 0.5F) * std::sqrt(share * (1 - share));
+    return std::clamp(share + completing_[step].sharpening * sharper, 0.0F, 1.0F);
+  }
+  /// What a sum over the mean has beyond the least one inside.
+  static float slack(float sum, int step) { return sum - least_inside(step); }
+  /// The degree, 0 to 1, to which a surface ends that has so little of evened out slack near a
+  /// pixel.
+  static float edge_by(float slack) {
+    constexpr float kRamp = 0.06F;
+    return std::clamp(-slack / kRamp, 0.0F, 1.0F);
+  }
 
-  /// A surface's sums over their mean, 1 at most, in the pixels around one, row by row.
-  using Window = std::array<std::array<float, kSide>, kSide>;
+  /// A surface's sum over its mean in a pixel.
+  struct Sample {
+    float sum;
+    int step;  ///< spacing_step() of the splats.
+  };
   struct Edge {
     float degree = 0;    ///< To which the pixel is at the edge of its surface, 0 to 1.
     float coverage = 1;  ///< Of the pixel where it is.
   };
-  /// How the pixel in the middle of a window is covered by the surface.
-  /// \param at  at(column, row) is a value of the window, of which the inner ones are asked for
-  ///            near edges alone.
+  /// How a pixel is covered by a surface.
+  /// \param at    at(column, row) is the Sample of one of the kSide x kSide pixels around it, of
+  ///              which some are asked for near edges alone.
+  /// \param step  the spacing_step() of the surface's splats in the pixel.
   template <class At>
-  Edge edge_of(const At& at) const {
-    Window window;
-    constexpr int kLast = kSide - 1;
-    for (int i = 0; i < kSide; ++i) {
-      window[0][i] = at(i, 0);
-      window[kLast][i] = at(i, kLast);
+  Edge edge_of(const At& at, int step) const {
+    Window sums;
+    Window slacks;
+    const auto fetch_square = [&](int around) {
+      for (int row = kReach - around; row <= kReach + around; ++row) {
+        for (int column = kReach - around; column <= kReach + around; ++column) {
+          const int ring = std::max(std::abs(row - kReach), std::abs(column - kReach));
+          if (ring < around && around > 1) continue;
+          const Sample sample = at(column, row);
+          sums[row][column] = sample.sum;
+          slacks[row][column] = slack(sample.sum, sample.step);
+        }
+      }
+    };
+    fetch_square(1);
+    float degree = edge_by(mean_of_middle(slacks));
+    if (degree < 1) {
+      fetch_square(kReach);
+      degree = std::max(degree, edge_by(least_of_border(slacks)));
+      if (degree == 0) return {};
     }
-    for (int row = 1; row < kLast; ++row) {
-      window[row][0] = at(0, row);
-      window[row][kLast] = at(kLast, row);
-    }
-    const float degree = edge_by(least_of_border(window));
-    if (degree == 0) return {};
-    for (int row = 1; row < kLast; ++row) {
-      for (int column = 1; column < kLast; ++column) window[row][column] = at(column, row);
-    }
-    return {degree, coverage_of(window)};
+    fetch_square(kTaps);
+    return {degree, coverage(completed(sums, step), step)};
   }
 
  private:
-  static constexpr int kTable = 512;
+  using Taps = std::array<float, kTaps + 1>;                   // By distance.
+  using Window = std::array<std::array<float, kSide>, kSide>;  // Row by row.
 
+  static float filtered(const Taps& taps, float a, float b, float middle, float c, float d) {
+    return taps[0] * middle + (taps[1] * (b + c) + taps[2] * (a + d));
+  }
+  static float mean_of_middle(const Window& window);
   static float least_of_border(const Window& window);
-  float coverage_of(const Window& window) const;
+  float completed(const Window& window, int step) const;
+
+  struct Completing {
+    Taps taps;
+    float sharpening;  ///< k - 1.
+  };
 
   float inv_mean_;
-  std::array<float, kTaps + 1> taps_;      ///< Of the filter, by distance.
-  float backward_;                         ///< (k^2 - 1) / 2 h_s^2, pixels^2.
-  std::array<float, kTable + 1> sharpen_;  ///< Phi(k Phi^-1(i / kTable)).
+  Taps even_;
+  std::array<Completing, kSpacingSteps> completing_;
 };
 
 }  // namespace surfel

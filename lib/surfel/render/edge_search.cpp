@@ -16,7 +16,7 @@ class Continuation {
   explicit Continuation(const Fragment& fragment)
       : depth_(front_depth(fragment)), front_(shows_front(fragment.channel[kTag])) {}
 
-  void offer(float weight, float depth, bool front) {
+  void offer(float weight, float depth, bool front, int /*step*/) {
     nearest_ = std::max(nearest_, depth);
     if (front) nearest_front_ = std::max(nearest_front_, depth);
     if (front != front_) return;
@@ -56,7 +56,8 @@ bool is_used(const float* layer) {
 }
 
 /// The weights of a layer in a patch as TileRims keeps them: negative where the back is seen,
-/// infinite where fragments are merged. There is no branch, so that compilers use vectors.
+/// infinite where fragments are merged, else with the spacing_step() as the last bits. There is no
+/// branch, so that compilers use vectors.
 /// \param layer  The layer's weights in the patch, which its other channels follow.
 void sign_weights(const float* layer, float* __restrict out) {
   constexpr std::uint32_t kInfinity =
@@ -67,7 +68,9 @@ void sign_weights(const float* layer, float* __restrict out) {
     const auto tag = std::bit_cast<std::uint32_t>(layer[kTag * kPatchPixels + i]);
     const std::uint32_t merged = 0 - (weight >> 31);  // All bits, or none.
     const std::uint32_t with_side = weight ^ (~tag << 31);
-    out[i] = std::bit_cast<float>((with_side & ~merged) | (kInfinity & merged));
+    const std::uint32_t step = tag >> kSpacingShift & kStepMask;
+    const std::uint32_t with_step = (with_side & ~kStepMask) | step;
+    out[i] = std::bit_cast<float>((with_step & ~merged) | (kInfinity & merged));
   }
 }
 
@@ -100,13 +103,15 @@ EdgeNeighbors continued_around(const Fragment& fragment, int x, int y,
 class SurfaceSum {
  public:
   /// \param whole  The sum of a surface that hides others.
-  SurfaceSum(const SurfaceRange& range, float whole) : range_(range), whole_(whole) {}
+  SurfaceSum(const SurfaceRange& range, float whole)
+      : range_(range), whole_(whole), step_(range.step) {}
 
-  void offer(float weight, float depth, bool front) {
+  void offer(float weight, float depth, bool front, int step) {
     if (front != range_.front) return;
     if (depth >= range_.nearest) {
       nearer_ += weight;
     } else if (depth > range_.farthest) {
+      step_ = sum_ > 0 ? std::max(step_, step) : step;
       sum_ += weight;
     }
   }
@@ -116,10 +121,12 @@ class SurfaceSum {
   }
   /// What nearer surfaces hide may not have been drawn: it is taken to go on.
   float sum() const { return nearer_ >= whole_ ? std::numeric_limits<float>::infinity() : sum_; }
+  int step() const { return step_; }
 
  private:
   SurfaceRange range_;
   float whole_;
+  int step_;
   float sum_ = 0;
   float nearer_ = 0;  ///< The sum of nearer fragments of the side.
 };
@@ -129,12 +136,13 @@ class SurfaceSum {
 template <class Offer>
 EdgeFilter::Edge edge_in_picture(const EdgeFilter& filter, const SurfaceRange& range, int x, int y,
                                  const std::array<int, 2>& size, const Offer& offer) {
-  return filter.edge_of([&](int column, int row) {
+  const auto share_of = [&](int column, int row) {
     SurfaceSum sum(range, kWholeSurface / filter.inv_mean());
     offer(std::clamp(x + column - EdgeFilter::kReach, 0, size[0] - 1),
           std::clamp(y + row - EdgeFilter::kReach, 0, size[1] - 1), sum);
-    return std::min(1.0F, sum.sum() * filter.inv_mean());
-  });
+    return EdgeFilter::Sample{std::min(kOneSurface, sum.sum() * filter.inv_mean()), sum.step()};
+  };
+  return filter.edge_of(share_of, range.step);
 }
 
 /// Offers the fragments of a pixel of a tile, by its place in the picture.
@@ -149,7 +157,9 @@ void offer_fragments(const TileABuffer& tile, int x, int y, Taker& taker) {
     if (weight < 0) {
       taker.offer_merged(depth);
     } else {
-      taker.offer(weight, depth / weight, shows_front(channel[kTag * kPatchPixels]));
+      const float tag = channel[kTag * kPatchPixels];
+      taker.offer(weight, depth / weight, shows_front(tag),
+                  spacing_step(std::bit_cast<std::uint32_t>(tag)));
     }
   }
 }
@@ -254,7 +264,8 @@ void TileRims::offer_fragments(int x, int y, Taker& taker) const {
     if (std::isinf(weight)) {
       taker.offer_merged(depth);
     } else {
-      taker.offer(std::abs(weight), depth / std::abs(weight), weight > 0);
+      taker.offer(std::abs(weight), depth / std::abs(weight), weight > 0,
+                  static_cast<int>(std::bit_cast<std::uint32_t>(weight) & kStepMask));
     }
   }
 }
@@ -288,7 +299,8 @@ bool TileRims::inside_goes_on(int x, int y) const {
 float TileRims::coverage_change(const TileABuffer& weights, const LoneFragment& lone) const {
   if (inside_goes_on(lone.x, lone.y)) return 1;
   constexpr float kInfinity = std::numeric_limits<float>::infinity();
-  const SurfaceRange all{shows_front(lone.tag), kInfinity, -kInfinity, lone.weight};
+  const SurfaceRange all{shows_front(lone.tag), kInfinity, -kInfinity, lone.weight,
+                         spacing_step(std::bit_cast<std::uint32_t>(lone.tag))};
   const EdgeFilter& filter = *weights.edge_filter;
   const auto [degree, coverage] = edge_around(filter, all, lone.x, lone.y);
   const float inside = std::min(1.0F, lone.weight / weights.full_weight);

@@ -37,6 +37,7 @@ struct SurfaceRange {
   bool front;
   float nearest, farthest;
   float sum;  ///< In the pixel itself.
+  int step;   ///< The spacing_step() of the splats.
 };
 
 /// Whether a fragment's surface may end at its pixel, so that the pixels around have to be looked
@@ -53,8 +54,9 @@ EdgeNeighbors look_around(const TileABuffer& tile, const Fragment& fragment, int
 /// are at the border.
 EdgeFilter::Edge edge_around(const TileABuffer& tile, const SurfaceRange& range, int pixel);
 
-/// Tiles that show one side of one surface in all their pixels, whose sums of rho are all at least
-/// kInsideShare of tau: no edge is seen where the tiles around show the same side in the same way.
+/// Tiles that show one side of one surface in all their pixels, whose sums of rho are all those of
+/// its inside (EdgeFilter::least_inside()): no edge is seen where the tiles around show the same
+/// side in the same way.
 enum class TileInside : std::uint8_t { kNo, kFront, kBack };
 
 /// The only fragment of a pixel near a tile's border, which may be at an edge.
@@ -101,8 +103,9 @@ class TileRims {
   int width_ = 0, height_ = 0;  ///< Size of the picture, pixels.
   int tiles_x_ = 0;
   int first_row_ = 0;  ///< Row of tiles in the picture that is stored first.
-  /// Sums of rho, negative where the back is seen, infinite where fragments are merged. All of a
-  /// layer together: layers but the first two are hardly touched.
+  /// Sums of rho, negative where the back is seen, infinite where fragments are merged; their last
+  /// bits are the spacing_step(). All of a layer together: layers but the first two are hardly
+  /// touched.
   Array<Patch> weights_;
   Array<Patch> depths_;  ///< Parallel to weights_.
   std::size_t layer_stride_ = 0;

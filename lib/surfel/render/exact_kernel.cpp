@@ -127,9 +127,10 @@ std::optional<ExactKernel> make_exact_kernel(const SurfelInCamera& surfel, const
   splat.depth_range = std::numeric_limits<float>::infinity();
   const double disc2 =
       (portable::squared(bounds.x1 - bounds.x0) + portable::squared(bounds.y1 - bounds.y0)) / 4;
+  const auto step = static_cast<std::uint32_t>(
+      std::min<double>(kCoarseStep, std::sqrt(disc2 / 2) / (kSpacingStep * filter)));
   splat.tag = (n_p < 0 ? kFrontTag : 0) | (disc2 < 2 * filter * filter ? kFilteredTag : 0) |
-              (disc2 < 2 * kFineVariance * filter * filter ? kFineTag : 0) |
-              (cosine < kGrazing ? kGrazingTag : 0);
+              (cosine < kGrazing ? kGrazingTag : 0) | step << kSpacingShift;
 
   // With the ray (X, Y, 1) of a pixel: 1 / z = n . ray / n . p, and a plane coordinate along t
   // times 1 / z is t . ray - (t . p) / z.

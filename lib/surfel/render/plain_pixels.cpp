@@ -139,25 +139,27 @@ void look_inside(const TileABuffer& tile, PlainPixels& out) {
   out.inside = TileInside::kNo;
   if (tile.width < kTileSize || tile.height < kTileSize) return;
   const auto side = tag_bits(channel(tile, 0, 0, kTag), kFrontTag);
+  const auto coarse = hn::Set(Tags(), std::uint32_t{kCoarseStep} << kSpacingShift);
+  auto closest = coarse;             // The least spacing_step() ...
+  auto furthest = hn::Zero(Tags());  // ... and the largest.
   V least = channel(tile, 0, 0, kWeight);
-  auto fine = hn::Set(Tags(), kFineTag);
   for (std::size_t pixel = 0; pixel < kTilePixels; pixel += hn::Lanes(d)) {
-    const V weight = channel(tile, 0, pixel, kWeight);
-    least = hn::Min(least, weight);
+    least = hn::Min(least, channel(tile, 0, pixel, kWeight));
     const V behind = tile.layout.layers > 1 ? channel(tile, 1, pixel, kWeight) : hn::Zero(d);
-    const V tags = channel(tile, 0, pixel, kTag);
-    const auto other_side = hn::Xor(side, tag_bits(tags, kFrontTag));
-    fine = hn::And(fine, hn::BitCast(Tags(), tags));
+    const auto tags = hn::BitCast(Tags(), channel(tile, 0, pixel, kTag));
+    const auto other_side = hn::Xor(side, hn::And(tags, hn::Set(Tags(), kFrontTag)));
+    closest = hn::Min(closest, hn::And(tags, coarse));
+    furthest = hn::Max(furthest, hn::And(tags, coarse));
     if (!hn::AllTrue(d, hn::Eq(behind, hn::Zero(d))) ||
         !hn::AllTrue(Tags(), hn::Eq(other_side, hn::Zero(Tags())))) {
       return;
     }
   }
-  const float low = hn::GetLane(hn::MinOfLanes(d, least));
-  if (!(low > 0 && low >= kInsideShare * tile.full_weight)) return;
+  const int step = spacing_step(hn::GetLane(hn::MinOfLanes(Tags(), closest)));
+  const float whole = EdgeFilter::least_inside(step) * tile.mean_weight;
+  if (!(hn::GetLane(hn::MinOfLanes(d, least)) >= whole)) return;
   out.inside = hn::GetLane(side) != 0 ? TileInside::kFront : TileInside::kBack;
-  out.inside_least = low;
-  out.inside_fine = hn::AllTrue(Tags(), hn::Ne(fine, hn::Zero(Tags())));
+  out.inside_fine = spacing_step(hn::GetLane(hn::MaxOfLanes(Tags(), furthest))) < kCoarseStep;
 }
 
 /// 1 for the pixels of a tile within kEdgeReach of its border, 0 for the others.

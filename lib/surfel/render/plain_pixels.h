@@ -23,8 +23,8 @@ struct PlainPixels {
   /// edge, and are coloured as if it were at none.
   std::array<std::uint16_t, kTilePixels / kPatchPixels> lone;
   TileInside inside;
-  float inside_least = 0;    ///< Of a tile inside a surface, the least sum of rho ...
-  bool inside_fine = false;  ///< ... and whether all first contributions are fine (kFineTag).
+  /// Of a tile inside a surface: whether no first contribution is coarse (kCoarseStep).
+  bool inside_fine = false;
 };
 
 /// Resolves the plain pixels of a tile, a vector at a time, where there is no environment. A pixel

@@ -249,7 +249,7 @@ void Renderer::Impl::resolve(TileABuffer& tile, const Compositor::Worker* backgr
   if (plain && !edges) open.add_lone(tile, plain->lone);
   const bool set_opacities = edges && !(plain && plain->inside != TileInside::kNo);
   if (edges && plain && plain->inside_fine && !tile.layout.clips) {
-    edges->store_inside(tile, plain->inside_least);
+    edges->store_inside(tile);
   } else if (edges) {
     edges->store(tile, plain ? plain->inside : TileInside::kNo);
   }

@@ -62,16 +62,26 @@ inline constexpr std::uint32_t kFrontTag = 1;     ///< The surfel's front faces 
 inline constexpr std::uint32_t kFilteredTag = 2;  ///< Its shape is the pixel filter's, not its own.
 inline constexpr std::uint32_t kGrazingTag = 4;   ///< It is seen at a grazing angle, see kGrazing.
 inline constexpr std::uint32_t kClippedTag = 8;   ///< It has a SplatClip.
-/// It is so small that pictures can even its sums out at edges: see kFineVariance.
-inline constexpr std::uint32_t kFineTag = 16;
 /// It is one of a flat and transparent surface's, and kFlatEpsilon of the usual epsilon tells it
 /// apart from others.
 inline constexpr std::uint32_t kFlatTag = 32;
-inline constexpr int kMaterialShift = 6;  ///< The bits above the flags hold the material.
+/// From here on kSpacingBits bits tell how far the surfels are apart, see kSpacingSteps.
+inline constexpr int kSpacingShift = 6;
+inline constexpr int kSpacingBits = 3;
+/// The bits above hold the material.
+inline constexpr int kMaterialShift = kSpacingShift + kSpacingBits;
 
-/// The mean variance of fine splats, without the pixel filter, is below this many times the
-/// filter's: their surfels are at most four deviations apart.
-inline constexpr float kFineVariance = 9;
+/// Steps of the deviation of splats without the pixel filter, of which each is kSpacingStep of the
+/// filter's deviation; the last one holds all that are larger: they are so coarse that pictures
+/// cannot even their sums out at edges.
+inline constexpr int kSpacingSteps = 1 << kSpacingBits;
+inline constexpr float kSpacingStep = 3.0F / 7;
+inline constexpr int kCoarseStep = kSpacingSteps - 1;
+inline constexpr std::uint32_t kStepMask = kSpacingSteps - 1;
+/// The step that a tag holds.
+constexpr int spacing_step(std::uint32_t tag) {
+  return static_cast<int>(tag >> kSpacingShift & kStepMask);
+}
 
 /// See kFlatTag. Of a curved or rough surface the tangent planes within a footprint differ in depth
 /// by up to its radius; planes of a flat one agree, however large the footprint is. Half of it

@@ -229,7 +229,8 @@ void SplatLists::add_by_tags(const SplatView& view, const SheetSplats& sheet,
     const std::uint32_t tag = sheet.splats[member].tag;
     const bool grazing = (tag & kGrazingTag) != 0;
     const std::uint32_t depth = (tag & kFrontTag) != 0 ? (grazing ? 1 : 0) : (grazing ? 2 : 3);
-    return depth << kMaterialShift | (tag & ((1U << kMaterialShift) - 1));
+    // Splats that lie apart by a step more may be in one sum.
+    return depth << kSpacingShift | (tag & ((1U << kSpacingShift) - 1));
   };
   for (std::size_t begin = 0; begin < sheet.count;) {
     std::uint32_t least = rank(members[begin]);

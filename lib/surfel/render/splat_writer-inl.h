@@ -60,7 +60,8 @@ class SplatWriter {
         first_column_(view.first_column),
         first_row_(view.first_row),
         filtered_diagonal2_(diagonal2(view, 1)),
-        fine_diagonal2_(diagonal2(view, kFineVariance)) {}
+        no_diagonal2_(diagonal2(view, 0)),
+        spacing_scale_(hn::Div(hn::Set(D(), 1 / (kSpacingStep * kSpacingStep)), no_diagonal2_)) {}
 
   /// The surfels from i on.
   HWY_INLINE void write(int i, const Projected& s) {
@@ -146,7 +147,7 @@ class SplatWriter {
     const V diagonal2 = mul_add(k.half_x, k.half_x, hn::Mul(k.half_y, k.half_y));
     auto tag = hn::Or3(flag(s.planes.front, kFrontTag), flag(s.planes.grazing, kGrazingTag),
                        hn::Or(flag(hn::Lt(diagonal2, filtered_diagonal2_), kFilteredTag),
-                              flag(hn::Lt(diagonal2, fine_diagonal2_), kFineTag)));
+                              spacing_bits(diagonal2)));
     if constexpr (kClips) tag = hn::Or(tag, flag(s.cuts.clipped, kClippedTag));
     const V alpha = in_.alpha ? hn::LoadU(d, in_.alpha + i) : hn::Set(d, 1.0F);
     const auto color = [&](const float* column)
@@ -157,6 +158,16 @@ class SplatWriter {
                           color(in_.red), d, quarters[2]);
     hn::StoreInterleaved4(color(in_.green), color(in_.blue), alpha, hn::BitCast(d, tag), d,
                           quarters[3]);
+  }
+
+  /// The bits of the tag for the spacing, of kernels by the squared half diagonals of their boxes.
+  HWY_INLINE hn::VFromD<hn::RebindToUnsigned<D>> spacing_bits(V diagonal2) const {
+    const D d;
+    const V variance = hn::Mul(hn::Sub(diagonal2, no_diagonal2_), spacing_scale_);
+    const V steps = hn::Sqrt(hn::Max(variance, hn::Zero(d)));
+    const V step = hn::Min(steps, hn::Set(d, static_cast<float>(kCoarseStep)));
+    return hn::ShiftLeft<kSpacingShift>(
+        hn::BitCast(hn::RebindToUnsigned<D>(), hn::ConvertTo(Ints(), step)));
   }
 
   /// A whole vector fits: there are no more of either list than lanes before.
@@ -179,8 +190,9 @@ class SplatWriter {
     return hn::Set(D(), 4.0F * view.cutoff * (1 + times) * view.lowpass2);
   }
 
-  V filtered_diagonal2_;  ///< Squared diagonal below which a kernel's box is the filter's ...
-  V fine_diagonal2_;      ///< ... and below which a splat is fine.
+  V filtered_diagonal2_;  ///< Squared diagonal below which a kernel's box is the filter's,
+  V no_diagonal2_;        ///< that of the filter alone,
+  V spacing_scale_;       ///< and 1 / that of a filter of kSpacingStep deviations.
   int visible_count_ = 0;
   int exact_count_ = 0;
   std::size_t first_count_ = 0;
