@@ -76,12 +76,7 @@ struct LaneOps {
   static HWY_INLINE V length(const V3& a) { return hn::Sqrt(dot(a, a)); }
   static HWY_INLINE V3 normalized(const V3& a) { return HWY_NAMESPACE::normalized(a); }
   static HWY_INLINE V positive_part(V x) { return hn::Max(x, hn::Zero(D())); }
-  static HWY_INLINE V highlight(V cosine, V half_cosine, float shininess) {
-    if (shininess == 0) return hn::IfThenElseZero(lit(cosine), hn::Set(D(), 1));
-    return hn::IfThenElseZero(lit(cosine),
-                              power_of_floats(D(), half_cosine, hn::Set(D(), shininess)));
-  }
-  static HWY_INLINE V mean_highlight(V cosine, V half_cosine, V length, float shininess) {
+  static HWY_INLINE V highlight(V cosine, V half_cosine, V length, float shininess) {
     const D d;
     const V one = hn::Set(d, 1);
     const V s = hn::Set(d, shininess);
@@ -89,11 +84,8 @@ struct LaneOps {
     const V scale = hn::Div(hn::Add(one, exponent), hn::Add(one, s));
     const V lobe =
         shininess == 0 ? one : power_of_floats(d, hn::Div(half_cosine, length), exponent);
-    return hn::IfThenElseZero(lit(cosine), hn::Mul(scale, lobe));
+    return hn::IfThenElseZero(hn::Gt(cosine, hn::Zero(d)), hn::Mul(scale, lobe));
   }
-
- private:
-  static M lit(V cosine) { return hn::Gt(cosine, hn::Zero(D())); }
 };
 
 /// Lights fragments of a vector of pixels as Shader::shade() does.
@@ -125,16 +117,13 @@ class Lamps {
                       hn::Mul(y, hn::Set(d, lighting_.inv_focal_y)) * down_;
     const V3 ray = lighting_.orthographic ? forward_ : across + forward_;
     const V3 to_eye = hn::Set(d, -1) * normalized(ray);
-    const M has_normal = hn::Gt(dot(at.normal, at.normal), zero);
-    V3 normal = select(has_normal, normalized(at.normal), to_eye);
+    const V length = hn::Sqrt(dot(at.normal, at.normal));
+    const M has_normal = hn::Gt(length, zero);
+    const V3 mean = hn::Div(hn::Set(d, 1), hn::Max(at.weight, length)) * at.normal;
+    V3 normal = select(has_normal, mean, to_eye);
     const M back = hn::RebindMask(d, hn::Eq(tag_bits(at.tag, kFrontTag), hn::Zero(Tags())));
     const M away = lighting_.mapped ? hn::And(has_normal, back) : hn::Lt(dot(normal, to_eye), zero);
     normal = select(away, hn::Set(d, -1) * normal, normal);
-    if (lighting_.mapped) {
-      const V length = hn::Div(hn::Sqrt(dot(at.normal, at.normal)), at.weight);
-      const V mean = hn::Min(hn::Set(d, 1), length);
-      normal = hn::IfThenElse(has_normal, mean, hn::Set(d, 1)) * normal;
-    }
 
     const auto place = [&]() HWY_ATTR {
       return lighting_.orthographic ? across + hn::Neg(at.depth) * forward_

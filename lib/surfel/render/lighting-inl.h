@@ -19,14 +19,15 @@ namespace HWY_NAMESPACE {
 
 /// The lit colour of fragments: Lambert's law and Blinn's highlights of all lights, and the ambient
 /// light. A surface whose normal is turned from up by the angle t sees (1 + cos t) / 2 of the sky.
-/// Of mapped normals Lambert's law and the sky take the mean, as the cosine is linear in the
-/// normal, and the highlights widen by its length: Toksvig, "Mipmapping normal maps", 2005.
+/// Lambert's law and the sky take the mean normal with its length. The cosine is linear in the
+/// normal, so the faces beside a crease are lit by their own normals and blended by their shares
+/// where the light reaches all of them. Highlights widen by the length: Toksvig, "Mipmapping normal
+/// maps", 2005.
 /// \tparam Ops  What Vector does not have as an operator: set(const float*), dot(), length(),
-///     normalized(), positive_part(cosine), highlight(cosine, half_cosine, shininess), which is 0
-///     where the cosine is, and mean_highlight(cosine, half_cosine, length, shininess), the same of
-///     a mean normal that long.
+///     normalized(), positive_part(cosine), and highlight(cosine, half_cosine, length, shininess)
+///     of a mean normal that long, which is 0 where the cosine is.
 /// \param color  unpremultiplied.
-/// \param normal  unit, on the eye's side, as to_eye; of mapped normals as long as their mean.
+/// \param normal  the mean of unit normals, on the eye's side, with its length; to_eye is unit.
 /// \param place  gives the fragments' places relative to the eye, for point lights.
 template <class Ops, class Vector, class Place>
 HWY_INLINE Vector lit_color(const Lighting& lighting, const Lighting::Reflection& material,
@@ -50,9 +51,7 @@ HWY_INLINE Vector lit_color(const Lighting& lighting, const Lighting::Reflection
     if (!shiny) continue;
     const auto half_cosine = Ops::dot(normal, Ops::normalized(to_light + to_eye));
     const auto highlight =
-        lighting.mapped
-            ? Ops::mean_highlight(cosine, half_cosine, Ops::length(normal), material.shininess)
-            : Ops::highlight(cosine, half_cosine, material.shininess);
+        Ops::highlight(cosine, half_cosine, Ops::length(normal), material.shininess);
     specular = specular + highlight * (Ops::set(shine) * light_color);
   }
   return color * diffuse + specular;

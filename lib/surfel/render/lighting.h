@@ -29,7 +29,7 @@ struct Lighting {
   bool orthographic;
   bool has_sky = false;
   float up[3];  ///< Of the sky, unit.
-  /// Normals are means of a normal map: see Shader.
+  /// Normals come from a normal map: see Shader.
   bool mapped = false;
 };
 

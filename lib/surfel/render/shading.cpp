@@ -34,12 +34,11 @@ struct ArrayOps {
   static float length(const Eigen::Array3f& a) { return a.matrix().norm(); }
   static Eigen::Array3f normalized(const Eigen::Array3f& a) { return a.matrix().normalized(); }
   static float positive_part(float x) { return std::max(0.0F, x); }
-  static float highlight(float cosine, float half_cosine, float shininess) {
-    return cosine > 0 ? portable::pow(std::max(0.0F, half_cosine), shininess) : 0;
-  }
-  static float mean_highlight(float cosine, float half_cosine, float length, float shininess) {
+  static float highlight(float cosine, float half_cosine, float length, float shininess) {
+    if (!(cosine > 0)) return 0;
     const float exponent = shininess * length / (length + shininess * (1 - length));
-    return (1 + exponent) / (1 + shininess) * highlight(cosine, half_cosine / length, exponent);
+    const float lobe = portable::pow(std::max(0.0F, half_cosine / length), exponent);
+    return (1 + exponent) / (1 + shininess) * lobe;
   }
 };
 
@@ -47,10 +46,10 @@ struct ArrayOps {
 template <class Place>
 HWY_ATTR Vec3f lit_by(const Lighting& lighting, const Lighting::Reflection& reflection,
                       const Vec3f& color, const SeenSurface& surface, const Place& place) {
-  const float length = lighting.mapped ? surface.mean_length : 1.0F;
-  return HWY_NAMESPACE::lit_color<ArrayOps>(
-      lighting, reflection, Eigen::Array3f(color), Eigen::Array3f(length * surface.normal),
-      Eigen::Array3f(surface.to_eye), [&] { return Eigen::Array3f(place()); });
+  return HWY_NAMESPACE::lit_color<ArrayOps>(lighting, reflection, Eigen::Array3f(color),
+                                            Eigen::Array3f(surface.mean_length * surface.normal),
+                                            Eigen::Array3f(surface.to_eye),
+                                            [&] { return Eigen::Array3f(place()); });
 }
 
 void to_plain(const Vec3f& from, float* to) { std::copy_n(from.data(), 3, to); }

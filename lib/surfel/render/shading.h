@@ -99,10 +99,13 @@ SURFEL_API float microfacet_variance(const Material& material);
 /// (Wang et al., "All-frequency rendering of dynamic, spatially-varying reflectance", 2009), and
 /// the pixel filter one of the ray's direction. The lookup has the sum of all.
 ///
-/// Normal maps. Where normals are means of a map's, their lengths matter to lights as well:
-/// highlights widen as the mean gets shorter, by Toksvig's exponent, and Lambert's law has the mean
-/// as it is. A fragment's side, not its normal, tells then whether the normal is to be turned to
-/// the eye: mapped normals of faces that are seen from the side may look away.
+/// Mean normals. The length of the mean matters to lights as well: highlights widen as the mean
+/// gets shorter, by Toksvig's exponent, and Lambert's law has the mean as it is, so that a crease
+/// between two lit faces is as bright as they are.
+///
+/// Normal maps. Where normals come from a map, a fragment's side, not its normal, tells whether the
+/// normal is to be turned to the eye: mapped normals of faces that are seen from the side may look
+/// away.
 class SURFEL_API Shader {
  public:
   /// The reflection of the last fragment that was shaded at a place.

@@ -155,10 +155,9 @@ vec3 shade(Layer l) {
   vec3 ray = u_world_from_camera * vec3(u_ortho ? vec2(0) : (gl_FragCoord.xy - u_center) / u_focal, 1);
   vec3 to_eye = -normalize(ray);
   float size = length(l.normal);
-  vec3 n = size > 0.0 ? l.normal / size : to_eye;
+  vec3 n = size > 0.0 ? l.normal / max(l.weight, size) : to_eye;
   bool away = u_mapped ? size > 0.0 && (l.flags & 1) == 0 : dot(n, to_eye) < 0.0;
   if (away) n = -n;
-  if (u_mapped && size > 0.0) n *= min(1.0, size / l.weight);
   vec3 diffuse = 0.5 * (u_sky + u_ground) + dot(n, u_up) * 0.5 * (u_sky - u_ground) +
                  max(0.0, dot(n, u_light)) * u_light_color;
   return l.color * diffuse;
