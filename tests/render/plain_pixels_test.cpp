@@ -1,8 +1,11 @@
 // With AOVs every pixel is resolved by resolve_pixel(), without them most are not.
 
 #include <cmath>
+#include <cstdint>
+#include <utility>
 
 #include <gtest/gtest.h>
+#include <surfel/sample/mesh_sampler.h>
 
 #include "render/scenes.h"
 
@@ -134,6 +137,36 @@ TEST(PlainPixels, AreLitByEveryKindOfLightAndMaterial) {
   }
   for (const Camera& camera : {camera_at(2.6, kOddSize), square_camera(kOddSize)}) {
     expect_same_colors(cloud, scene, camera, {});
+  }
+}
+
+/// Before the far sides of a box its near sides cover parts of pixels at creases.
+TEST(PlainPixels, LeaveBacksBehindAPartOfThePixel) {
+  TriangleMesh box;
+  const Eigen::Matrix3d turn =
+      (Eigen::AngleAxisd(0.44, Vec3d::UnitX()) * Eigen::AngleAxisd(0.58, Vec3d::UnitY()))
+          .toRotationMatrix();
+  for (int axis = 0; axis < 3; ++axis) {
+    for (const double side : {-0.5, 0.5}) {
+      const auto first = static_cast<std::uint32_t>(box.position.size());
+      for (const auto& [u, v] :
+           {std::pair(-1, -1), std::pair(1, -1), std::pair(-1, 1), std::pair(1, 1)}) {
+        Vec3d corner;
+        corner[axis] = side;
+        corner[(axis + 1) % 3] = u * side;
+        corner[(axis + 2) % 3] = 0.5 * v;
+        box.position.push_back((turn * corner).cast<float>());
+      }
+      box.face.push_back({first, first + 1, first + 2});
+      box.face.push_back({first + 3, first + 2, first + 1});
+    }
+  }
+  MeshSampleOptions sampling;
+  sampling.spacing = 2 * 2.0 / kOddSize;
+  for (const double cutoff : {2.0, 4.0}) {
+    RenderOptions options;
+    options.cutoff = cutoff;
+    expect_same_colors(sample_mesh(box, sampling), {}, square_camera(kOddSize), options);
   }
 }
 

@@ -218,6 +218,7 @@ void resolve_plain_pixels_simd(TileABuffer& tile, const Lighting* lighting, cons
     M loose_back = waits;   // The last fragment shows a back that may lie beyond a silhouette ...
     M rim = waits;          // ... or a front's part of the pixel at one.
     M beside_line = waits;  // A fragment covers the part of the pixel that a line leaves of it.
+    M partly = waits;       // A fragment covers a part of the pixel.
     for (int i = 0; i < fragments.layers; ++i) {
       M open = hn::And(plain, hn::Gt(left, zero));
       if (hn::AllFalse(d, open)) break;
@@ -270,7 +271,7 @@ void resolve_plain_pixels_simd(TileABuffer& tile, const Lighting* lighting, cons
         // A back with less than a whole sum, or behind a part of a pixel, may be the far side of a
         // body.
         if (tile.layout.opaque) {
-          const M doubtful = hn::And(unmerged, hn::Or(beside_line, hn::Lt(at.weight, edge_weight)));
+          const M doubtful = hn::And(unmerged, hn::Or(partly, hn::Lt(at.weight, edge_weight)));
           const M alone = hn::Eq(fragments.count, one);
           open = hn::AndNot(hn::AndNot(shows_front, hn::AndNot(alone, doubtful)), open);
         }
@@ -279,6 +280,7 @@ void resolve_plain_pixels_simd(TileABuffer& tile, const Lighting* lighting, cons
         open = hn::AndNot(hn::And(rim, hn::AndNot(shows_front, grazing)), open);
         loose_back = hn::AndNot(shows_front, loose);
         rim = hn::And(shows_front, hn::And(part, grazing));
+        partly = hn::Or(partly, part);
       }
       const V alpha = hn::Mul(at.alpha, inv_weight);
       const V front = hn::Mul(alpha, coverage);
