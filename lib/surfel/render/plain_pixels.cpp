@@ -271,7 +271,8 @@ void resolve_plain_pixels_simd(TileABuffer& tile, const Lighting* lighting, cons
         // A back with less than a whole sum, or behind a part of a pixel, may be the far side of a
         // body.
         if (tile.layout.opaque) {
-          const M doubtful = hn::And(unmerged, hn::Or(partly, hn::Lt(at.weight, edge_weight)));
+          const M in_part = hn::Or(partly, beside_line);
+          const M doubtful = hn::And(unmerged, hn::Or(in_part, hn::Lt(at.weight, edge_weight)));
           const M alone = hn::Eq(fragments.count, one);
           open = hn::AndNot(hn::AndNot(shows_front, hn::AndNot(alone, doubtful)), open);
         }
