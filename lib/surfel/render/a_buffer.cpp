@@ -412,7 +412,8 @@ void order_by_sight(std::span<SeenFragment> fragments) {
 /// Opaque surfaces that the kernel of a pixel crosses at a fold, at a step or where two bodies meet
 /// come as several fragments. They cover as much of it as a fragment with all of their sums would,
 /// and that is shared out by the sums, which are what the pixel filter sees of each. A sum between
-/// edge_weight and the mean may be a whole one, unless all fragments together have little more.
+/// edge_weight and the mean may be a whole one, unless all fragments together have little more. Of
+/// an even surface it is a whole one: another one close behind lacks what the first has hidden.
 /// \param seen  in the order in which they are seen.
 void share_by_sums(const TileABuffer& tile, std::span<SeenFragment> seen) {
   if (!tile.layout.opaque || seen.size() < 2) return;
@@ -422,7 +423,7 @@ void share_by_sums(const TileABuffer& tile, std::span<SeenFragment> seen) {
   float total = 0;
   for (const SeenFragment& at : seen) total += weight_of(at);
   const float several = kSeveralSurfaces * tile.mean_weight;
-  const float whole = total < several ? tile.mean_weight : tile.edge_weight;
+  const float nearly = total < several ? tile.mean_weight : tile.edge_weight;
   const auto is_part = [&](const SeenFragment& at) {
     const float* c = at.fragment->channel;
     return !is_merged(*at.fragment) && is_filtered(c[kTag]) &&
@@ -439,7 +440,8 @@ void share_by_sums(const TileABuffer& tile, std::span<SeenFragment> seen) {
     float sum = weight_of(seen[first]);
     float open = 1 - seen[first].coverage;
     std::size_t end = first + 1;
-    if (is_part(seen[first]) && sum < whole) {
+    const bool even = is_even(seen[first].fragment->channel[kTag]);
+    if (is_part(seen[first]) && sum < (even ? tile.edge_weight : nearly)) {
       for (; end < seen.size() && follows(seen[end], seen[end - 1]); ++end) {
         if (sum + weight_of(seen[end]) >= several) break;
         sum += weight_of(seen[end]);
@@ -686,6 +688,16 @@ void insert_by_merging(TileABuffer& tile, int pixel, const Fragment& fresh, floa
   }
   if (slab >= 0) {
     add_to_layer(tile, sorted.order[slab], pixel, fresh);
+    constexpr float kRest = 0.2F;  // Of a surface.
+    const Fragment& nearer = slab < in_front ? sorted[slab] : fresh;
+    if (tile.layout.opaque && least > kRimDepth * std::abs(depth) &&
+        nearer.channel[kWeight] < kRest * tile.mean_weight) {
+      // Of a rim's last contributions and the surface behind them the latter has more to come,
+      // which must find it at its depth.
+      const float farther = std::min(depth, front_depth(sorted[slab]));
+      tile.at(sorted.order[slab], kDepth, pixel) =
+          farther * tile.at(sorted.order[slab], kWeight, pixel);
+    }
     return;
   }
   if (const auto slabs = slabs_of_one(tile, sorted)) {

@@ -87,6 +87,8 @@ inline bool shows_front(float tag) { return (std::bit_cast<std::uint32_t>(tag) &
 inline bool is_filtered(float tag) {
   return (std::bit_cast<std::uint32_t>(tag) & kFilteredTag) != 0;
 }
+/// Do the planes of its splats tell its depth better than their footprints do?
+inline bool is_even(float tag) { return (std::bit_cast<std::uint32_t>(tag) & kEvenTag) != 0; }
 inline bool is_grazing(float tag) { return (std::bit_cast<std::uint32_t>(tag) & kGrazingTag) != 0; }
 
 /// A fragment's kOther.

@@ -1,4 +1,7 @@
+#include <algorithm>
+#include <array>
 #include <bit>
+#include <cmath>
 #include <cstddef>
 
 #include <surfel/base/parallel.h>
@@ -28,6 +31,43 @@ bool lie_in_planes(const SurfelColumns& c, std::size_t count) {
   return pairs > 0 && static_cast<float>(in_plane) >= kLeastShare * static_cast<float>(pairs);
 }
 
+/// How even the surface is that most of a cluster's surfels are of. Surfels that follow one another
+/// are near to each other in space, and most such pairs are of one surface, also where several
+/// surfaces cross or lie close.
+Unevenness measure_unevenness(const SurfelColumns& c, std::size_t count) {
+  constexpr std::size_t kMostSamples = 64;
+  // The curvature of a place may be so many times the mean one.
+  constexpr float kMostBend = 8;
+  // The quarter of the samples that are least off are off by less than 0.45 deviations of noise.
+  constexpr float kRoughByQuarter = 8;
+  // Of a surface that bends between two surfels the line from one to the other has about the mean
+  // slope: more than this tells that they are of different surfaces, or of a rough one.
+  constexpr float kMostSlope = 1e-3F;
+  std::array<float, kMostSamples> off;
+  std::size_t samples = 0;
+  float turned = 0;
+  float along = 0;
+  const std::size_t step = (count + kMostSamples - 1) / kMostSamples;
+  for (std::size_t i = 0; i + 1 < count; i += step) {
+    const Vec3f n(c.normal_x[i], c.normal_y[i], c.normal_z[i]);
+    const Vec3f next(c.normal_x[i + 1], c.normal_y[i + 1], c.normal_z[i + 1]);
+    if (n.isZero(0) || next.isZero(0)) return {};
+    const Vec3f offset(c.x[i + 1] - c.x[i], c.y[i + 1] - c.y[i], c.z[i + 1] - c.z[i]);
+    const float distance = offset.norm();
+    const float turn = (next - n).norm();
+    off[samples] = std::abs((n + next).dot(offset)) / 2;
+    if (off[samples] <= (turn / 2 + kMostSlope) * distance) {
+      turned += turn;
+      along += distance;
+    }
+    ++samples;
+  }
+  if (samples == 0) return {};
+  const auto quarter = off.begin() + static_cast<std::ptrdiff_t>(samples / 4);
+  std::nth_element(off.begin(), quarter, off.begin() + static_cast<std::ptrdiff_t>(samples));
+  return {along > 0 ? kMostBend * turned / along : 0.0F, kRoughByQuarter * *quarter};
+}
+
 }  // namespace
 
 SurfelColumns surfel_columns(const RenderCloud& cloud, const Cluster& cluster) {
@@ -53,13 +93,18 @@ SurfelColumns surfel_columns(const RenderCloud& cloud, const Cluster& cluster) {
           from(cloud.green),
           from(cloud.blue),
           from(cloud.alpha),
-          {half_planes(cloud.clip[0]), half_planes(cloud.clip[1])}};
+          {half_planes(cloud.clip[0]), half_planes(cloud.clip[1])},
+          {}};
 }
 
 void ClusterSurfaces::search(const Cluster& cluster, Known& known) const {
   known.searched = true;
   const SurfelColumns columns = surfel_columns(cloud_, cluster);
   const std::size_t count = cluster.end - cluster.begin;
+  if (opaque_) {
+    known.uneven = measure_unevenness(columns, count);
+    return;
+  }
   known.flat = lie_in_planes(columns, count);
   if (!sheets_) return;
   const auto* material = cloud_.material.empty() ? nullptr : cloud_.material.data() + cluster.begin;

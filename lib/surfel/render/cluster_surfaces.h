@@ -23,13 +23,13 @@ struct SheetInView {
   float depth;
 };
 
-/// Finds flat clusters, and sheets, in transparent clouds. What has been found is kept from picture
-/// to picture.
+/// Finds out how even clusters are; in transparent clouds, which are flat, and sheets. What has
+/// been found is kept from picture to picture.
 class ClusterSurfaces {
  public:
   /// Keeps a reference to the cloud.
-  ClusterSurfaces(const RenderCloud& cloud, bool sheets)
-      : cloud_(cloud), sheets_(sheets), known_(cloud.clusters().size()) {}
+  ClusterSurfaces(const RenderCloud& cloud, bool opaque, bool sheets)
+      : cloud_(cloud), opaque_(opaque), sheets_(sheets), known_(cloud.clusters().size()) {}
 
   /// Begins a part of a picture. The clusters' surfels are in memory.
   /// \param epsilon  FragmentRules::depth_epsilon.
@@ -40,6 +40,10 @@ class ClusterSurfaces {
   /// Whether surfels are of planes: most neighbours in their order, which are near to each other in
   /// space, lie in one plane. Where several planes cross, most neighbours still are of one plane.
   bool is_flat(std::size_t place) const { return known_[clusters_[place].index].flat; }
+  /// How even the surfaces are that most surfels are of, in opaque clouds.
+  const Unevenness& unevenness(std::size_t place) const {
+    return known_[clusters_[place].index].uneven;
+  }
   /// The cluster's sheets that pass may_sum_up().
   std::span<const SheetInView> sheets(std::size_t place) const {
     return {in_view_.data() + first_in_view_[place],
@@ -50,12 +54,14 @@ class ClusterSurfaces {
   struct Known {
     bool searched = false;
     bool flat = false;
+    Unevenness uneven;
     std::vector<SurfaceSheet> sheets;
   };
 
   void search(const Cluster& cluster, Known& known) const;
 
   const RenderCloud& cloud_;
+  bool opaque_;
   bool sheets_;               ///< Whether sheets are wanted.
   std::vector<Known> known_;  ///< Parallel to the cloud's clusters.
   std::span<const VisibleCluster> clusters_;

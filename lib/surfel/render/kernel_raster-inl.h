@@ -83,10 +83,12 @@ class SplatSampler {
       : splats_(job.splats),
         exact_(job.exact),
         clips_(job.clips),
-        depth_epsilon_{job.rules->depth_epsilon, job.rules->depth_epsilon * kFlatEpsilon},
         lowpass2_(job.rules->lowpass2),
         block_x_(static_cast<float>(x0 - job.box_x)),
         block_y_(static_cast<float>(y0 - job.box_y)) {
+    for (int i = 0; i <= kMostEven; ++i) {
+      depth_epsilon_[i] = std::ldexp(job.rules->depth_epsilon, -i);
+    }
     // exp(-beta) = exp(-beta / 2^n)^(2^n), with beta / 2^n at most 1.
     float scale = 1;
     for (; job.rules->cutoff * scale > 1; scale /= 2) ++squarings_;
@@ -209,8 +211,7 @@ class SplatSampler {
 
   /// Epsilon by depth range.
   HWY_INLINE V epsilon_share(const Splat& splat) const {
-    static_assert(kFlatTag == 1U << 5U);
-    return hn::Set(D(), depth_epsilon_[splat.tag >> 5U & 1U]);
+    return hn::Set(D(), depth_epsilon_[splat.tag >> kEvenShift & kMostEven]);
   }
 
   /// Whether pixels lie in a splat's box, beyond which an exact kernel's linearised filter may
@@ -311,7 +312,7 @@ class SplatSampler {
   const Splat* splats_;
   const ExactSplat* exact_;
   const SplatClip* clips_;
-  float depth_epsilon_[2];  ///< FragmentRules::depth_epsilon of other splats, and of flat ones.
+  float depth_epsilon_[kMostEven + 1];  ///< FragmentRules::depth_epsilon by a splat's kEvenBits.
   float lowpass2_;
   float block_x_, block_y_;  ///< First pixel of the tile's block in the picture.
   float exp_minus_[6];       ///< kExpMinus for beta / 2^n.

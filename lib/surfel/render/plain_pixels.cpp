@@ -241,11 +241,12 @@ void resolve_plain_pixels_simd(TileABuffer& tile, const Lighting* lighting, cons
       M no_edge = hn::Or(known, not_at_edge);
       if (tile.layout.opaque && fragments.layers > 1) {
         // It may share what it covers with others.
+        const M even = hn::RebindMask(d, hn::Ne(tag_bits(at.tag, kEvenTag), hn::Zero(Tags())));
+        const V whole_sum = hn::IfThenElse(even, edge_weight, mean_weight);
         const M several =
             hn::And(hn::Gt(fragments.count, one), hn::Lt(fragments.sum, several_weight));
-        no_edge =
-            hn::And(no_edge,
-                    hn::Or(not_filtered, hn::Or(hn::Not(several), hn::Ge(at.weight, mean_weight))));
+        no_edge = hn::And(
+            no_edge, hn::Or(not_filtered, hn::Or(hn::Not(several), hn::Ge(at.weight, whole_sum))));
       }
       if (i == 0) waits = hn::AndNot(known, hn::And(may_wait, unmerged));
       // Of equally near fragments only one lies behind the depths before, so that the pixel is

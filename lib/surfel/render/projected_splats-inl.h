@@ -91,8 +91,9 @@ struct Cuts {
 /// Depth planes of surfels, as Splat has them.
 struct DepthPlanes {
   V depth, depth_dx, depth_dy, depth_range;
-  M front;    ///< The surfel's front faces the eye.
-  M grazing;  ///< It is seen at a grazing angle.
+  V epsilon_share;  ///< What the surface's planes differ by at most, as a part of `depth_range`.
+  M front;          ///< The surfel's front faces the eye.
+  M grazing;        ///< It is seen at a grazing angle.
 };
 
 /// The range of the rectangle's pixels whose centres lie between two places, both included;

@@ -62,11 +62,14 @@ inline constexpr std::uint32_t kFrontTag = 1;     ///< The surfel's front faces 
 inline constexpr std::uint32_t kFilteredTag = 2;  ///< Its shape is the pixel filter's, not its own.
 inline constexpr std::uint32_t kGrazingTag = 4;   ///< It is seen at a grazing angle, see kGrazing.
 inline constexpr std::uint32_t kClippedTag = 8;   ///< It has a SplatClip.
-/// It is one of a flat and transparent surface's, and kFlatEpsilon of the usual epsilon tells it
-/// apart from others.
-inline constexpr std::uint32_t kFlatTag = 32;
-/// From here on kSpacingBits bits tell how far the surfels are apart, see kSpacingSteps.
-inline constexpr int kSpacingShift = 6;
+/// From this bit on, kEvenBits bits hold how many times the usual epsilon, which tells the splat
+/// apart from others, is halved.
+inline constexpr int kEvenShift = 4;
+inline constexpr int kEvenBits = 3;
+inline constexpr int kMostEven = (1 << kEvenBits) - 1;
+inline constexpr std::uint32_t kEvenTag = std::uint32_t{kMostEven} << kEvenShift;  ///< All of them.
+/// From this bit on, kSpacingBits bits tell how far the surfels are apart, see kSpacingSteps.
+inline constexpr int kSpacingShift = kEvenShift + kEvenBits;
 inline constexpr int kSpacingBits = 3;
 /// The bits above hold the material.
 inline constexpr int kMaterialShift = kSpacingShift + kSpacingBits;
@@ -83,10 +86,11 @@ constexpr int spacing_step(std::uint32_t tag) {
   return static_cast<int>(tag >> kSpacingShift & kStepMask);
 }
 
-/// See kFlatTag. Of a curved or rough surface the tangent planes within a footprint differ in depth
-/// by up to its radius; planes of a flat one agree, however large the footprint is. Half of it
-/// leaves room for samples that are off by a little.
+/// Of a curved or rough surface the tangent planes within a footprint differ in depth by up to its
+/// radius; planes of a flat one agree, however large the footprint is. Of transparent surfaces half
+/// of it leaves room for samples that are off by a little.
 inline constexpr float kFlatEpsilon = 0.5F;
+inline constexpr std::uint32_t kFlatTag = 1U << kEvenShift;
 
 /// The cosine to the normal below which a surfel is seen at a grazing angle, as at the silhouette
 /// of a body: on a sphere of 500 surfels a disc reaches from there to the silhouette.

@@ -78,8 +78,8 @@ SplatLists::SplatLists(const RenderCloud& cloud, const Scene& scene, const Rende
             .lowpass2 = static_cast<float>(lists.lowpass * lists.lowpass),
             .depth_epsilon = static_cast<float>(options.epsilon_share()),
             .opaque = layout.opaque};
-  if (!layout.opaque && !lists.groups && !lists.enlarged) {
-    surfaces_.emplace(cloud, lists.sheets);
+  if ((!layout.opaque || !options.method) && !lists.groups && !lists.enlarged) {
+    surfaces_.emplace(cloud, layout.opaque, lists.sheets);
   }
   materials_fade_ = std::any_of(scene.materials.begin(), scene.materials.end(),
                                 [](const Material& m) { return m.opacity != 1; });
@@ -473,8 +473,10 @@ void SplatLists::load(std::size_t block, std::size_t begin, std::size_t end, int
     if (c + 1 < end) ahead = surfel_columns(cloud_, cluster_at(c + 1));
     reserve(w, RenderCloud::kClusterSize, (end - begin) * RenderCloud::kClusterSize);
     SetUpSplats& set_up = w.set_up;
-    set_up_splats(view, columns_of(cluster, w), static_cast<int>(cluster.end - i),
-                  ahead ? &*ahead : nullptr, w.splats.data() + w.count,
+    SurfelColumns columns = columns_of(cluster, w);
+    if (surfaces_) columns.uneven = surfaces_->unevenness(place);
+    set_up_splats(view, columns, static_cast<int>(cluster.end - i), ahead ? &*ahead : nullptr,
+                  w.splats.data() + w.count,
                   cloud_.has_clips() ? w.clips.data() + w.count : nullptr, set_up);
     w.splats_seen += static_cast<std::size_t>(set_up.first_count);
     const std::size_t first = w.count;

@@ -2,6 +2,7 @@
 // Duff et al., "Building an Orthonormal Basis, Revisited", JCGT 6(1), 2017: the tangent frame.
 // ewa_kernel.cpp holds these equations in plain double.
 
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -38,6 +39,8 @@ HWY_INLINE Vec3V any_tangent(const Vec3V& n) {
 /// Below this cosine between normal and line of sight the footprint of the pixel filter on the
 /// plane stops growing: a grazing plane runs to infinity. At 0.1 the footprint is ten pixels long.
 constexpr float kLeastCosine = 0.1F;
+/// Unless the planes of a surface's surfels are off each other by less than this share of it.
+constexpr float kEven = 0.5F;
 /// The bound of the cosine for the depth gradient, which is exact down to where single precision
 /// keeps four digits of the cosine.
 constexpr float kLeastGradientCosine = 1e-3F;
@@ -58,6 +61,7 @@ class SplatSetup {
         h2_(hn::Set(D(), view.lowpass2)),
         two_c_(hn::Set(D(), 2.0F * view.cutoff)),
         margin_(hn::Set(D(), view.margin)),
+        epsilon_growth_(std::sqrt(std::max(1.0F, view.cutoff))),
         filter_reach_(hn::Add(hn::Sqrt(hn::Mul(two_c_, h2_)), margin_)) {}
 
   void run(int count, const SurfelColumns* next, Splat* splats, SplatClip* clips,
@@ -263,13 +267,28 @@ class SplatSetup {
     const V inv_np = hn::Div(one, hn::CopySign(hn::Max(hn::Abs(n_p), least), n_p));
     // Footprint of the combined kernel on the tangent plane: disc and pixel filter, the latter
     // divided by the cosine.
-    const V inv_cosine = hn::Min(hn::Mul(hn::Abs(inv_np), distance), hn::Set(d, 1 / kLeastCosine));
+    const V inv_cosine = hn::Mul(hn::Abs(inv_np), distance);
     // Standard deviation of the pixel filter at distance 1.
     const V pixel = hn::Mul(hn::Sqrt(h2_), hn::Max(inv_focal_x, inv_focal_y));
-    const V pixel_on_plane = hn::Mul(kPerspective ? hn::Mul(pixel, s.p.z) : pixel, inv_cosine);
-    const V reach = hn::Sqrt(hn::Mul(
-        two_c_, mul_add(s.deviation, s.deviation, hn::Mul(pixel_on_plane, pixel_on_plane))));
+    const V pixel_at = kPerspective ? hn::Mul(pixel, s.p.z) : pixel;
+    const auto reach_at = [&](V inverse) HWY_ATTR {
+      const V on_plane = hn::Mul(pixel_at, inverse);
+      return hn::Sqrt(
+          hn::Mul(two_c_, mul_add(s.deviation, s.deviation, hn::Mul(on_plane, on_plane))));
+    };
+    V reach = reach_at(inv_cosine);
     DepthPlanes out;
+    // As far as the surface is even a plane is where its surfels are, at any angle.
+    out.epsilon_share = hn::Mul(inv_cosine, mul_add(hn::Set(d, 0.5F * in_.uneven.bend), reach,
+                                                    hn::Div(hn::Set(d, in_.uneven.rough), reach)));
+    const M bounded = hn::And(hn::Gt(inv_cosine, hn::Set(d, 1 / kLeastCosine)),
+                              hn::Not(hn::Lt(out.epsilon_share, hn::Set(d, kEven))));
+    if (HWY_UNLIKELY(!hn::AllFalse(d, bounded))) {
+      reach = hn::IfThenElse(bounded, reach_at(hn::Set(d, 1 / kLeastCosine)), reach);
+    }
+    out.epsilon_share = hn::Mul(out.epsilon_share, hn::Set(d, epsilon_growth_));
+    // Beyond the horizon the plane is behind the eye.
+    if constexpr (kPerspective) reach = hn::Min(reach, hn::Mul(hn::Set(d, 0.5F), s.p.z));
     out.depth = kPerspective ? s.inv_z : hn::Neg(s.p.z);
     out.depth_dx = hn::Mul(hn::Mul(n.x, inv_np), inv_focal_x);
     out.depth_dy = hn::Mul(hn::Mul(n.y, inv_np), inv_focal_y);
@@ -350,7 +369,8 @@ class SplatSetup {
   HalfPlaneCuts<kPerspective> cuts_;
   V focal_x_, focal_y_, h2_, two_c_;
   V margin_;
-  V filter_reach_;  ///< Radius of the pixel filter, and the margin, pixels.
+  float epsilon_growth_;  ///< Of RenderOptions::epsilon_share(): its footprints end at beta = 1.
+  V filter_reach_;        ///< Radius of the pixel filter, and the margin, pixels.
 };
 
 struct SetUpCall {

@@ -3,6 +3,7 @@
 // SS01 sections 3.3 and 4, for a cluster of surfels at a time.
 
 #include <cstdint>
+#include <limits>
 
 #include <surfel/render/splat.h>
 
@@ -17,6 +18,14 @@ struct HalfPlaneColumns {
   const float* y;
   const float* z;
   const float* distance;
+};
+
+/// By how much the tangent planes of a surface's surfels are off each other: that far along their
+/// normals, `bend` times half the square of the distance between surfels plus `rough`. Infinity: it
+/// is not known.
+struct Unevenness {
+  float bend = std::numeric_limits<float>::infinity();
+  float rough = 0;
 };
 
 /// Columns of a RenderCloud from a cluster's first surfel on. Null: the scene does not have it.
@@ -38,6 +47,7 @@ struct SurfelColumns {
   const float* blue;
   const float* alpha;
   HalfPlaneColumns clip[2];
+  Unevenness uneven = {};
 };
 
 /// Indices of the surfels that one call selected, in the order of the columns. Arrays have room for

@@ -149,6 +149,12 @@ class SplatWriter {
                        hn::Or(flag(hn::Lt(diagonal2, filtered_diagonal2_), kFilteredTag),
                               spacing_bits(diagonal2)));
     if constexpr (kClips) tag = hn::Or(tag, flag(s.cuts.clipped, kClippedTag));
+    // The exponent of the share, rounded up, tells how often it fits twice.
+    constexpr float kLeast = 1.0F / (1 << kMostEven);
+    const V share = hn::Min(hn::Max(s.planes.epsilon_share, hn::Set(d, kLeast)), hn::Set(d, 1));
+    const auto below = hn::Sub(hn::BitCast(du, share), hn::Set(du, 1));
+    const auto halvings = hn::Sub(hn::Set(du, 126), hn::ShiftRight<23>(below));
+    tag = hn::Or(tag, hn::ShiftLeft<kEvenShift>(halvings));
     const V alpha = in_.alpha ? hn::LoadU(d, in_.alpha + i) : hn::Set(d, 1.0F);
     const auto color = [&](const float* column)
                            HWY_ATTR { return hn::Mul(hn::LoadU(d, column + i), alpha); };
