@@ -17,8 +17,8 @@ constexpr float kLeastOpacity = 1.0F / 4096;
 /// The sum of a pixel by the sums of two sides: of one body's, which are only uneven, the mean, as
 /// the larger one would be too large; where one side is hidden or not there, the larger one.
 float of_two_sides(float a, float b) {
-  constexpr float kHidden = 0.5F;
-  constexpr float kUneven = 0.8F;
+  constexpr float kHidden = 0.7F;
+  constexpr float kUneven = 0.9F;
   const float larger = std::max(a, b);
   const float smaller = std::min(a, b);
   const float both = std::clamp((smaller - kHidden * larger) / (kUneven - kHidden), 0.0F, larger);

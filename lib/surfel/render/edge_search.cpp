@@ -68,7 +68,8 @@ void sign_weights(const float* layer, float* __restrict out) {
     const auto tag = std::bit_cast<std::uint32_t>(layer[kTag * kPatchPixels + i]);
     const std::uint32_t merged = 0 - (weight >> 31);  // All bits, or none.
     const std::uint32_t with_side = weight ^ (~tag << 31);
-    const std::uint32_t step = tag >> kSpacingShift & kStepMask;
+    // Tags are written for all pixels of a vector.
+    const std::uint32_t step = weight == 0 ? 0 : tag >> kSpacingShift & kStepMask;
     const std::uint32_t with_step = (with_side & ~kStepMask) | step;
     out[i] = std::bit_cast<float>((with_step & ~merged) | (kInfinity & merged));
   }

@@ -2,6 +2,16 @@
 
 import { kHead } from 'surfel/shaders.js';
 
+/** EdgeFilter of surfel-render. */
+const kEdges = `
+float least_inside(int step) { return 0.93 - 0.125 * float(step); }
+float edge_by(float slack) { return clamp(-slack / 0.06, 0.0, 1.0); }
+float coverage_of(float sum, float sharpening) {
+  float share = clamp(sum, 0.0, 1.0);
+  return clamp(share + sharpening * 1.94 * (share - 0.5) * sqrt(share * (1.0 - share)), 0.0, 1.0);
+}
+`;
+
 export const kScreenVertex = `${kHead}
 void main() {
   gl_Position = vec4(vec2(gl_VertexID & 1, gl_VertexID >> 1) * 4.0 - 1.0, 0, 1);
@@ -91,7 +101,7 @@ const cutOf = (layer, clips) => (clips ? `texelFetch(u_cuts${layer}, ivec2(gl_Fr
  *                 take the time of all branches.
  * @param clips    whether half-planes may cut surfels; only with several.
  */
-export const compositeFragment = (several, clips = false) => `${kHead}
+export const compositeFragment = (several, clips = false) => `${kHead}${kEdges}
 #define SEVERAL ${several ? 1 : 0}
 #define CLIPS ${clips ? 1 : 0}
 uniform sampler2D u_nearest1, u_nearest2, u_nearest3, u_nearest4;
@@ -113,9 +123,10 @@ uniform vec2 u_depth_range;
 uniform sampler2D u_map;
 uniform ivec2 u_last;
 layout(location = 0) out vec4 color;
-layout(location = 1) out vec2 sums;  // Share of the mean sum of kernels; whether the opacity is to be kept.
+layout(location = 1) out vec4 sums;  // Over the mean: of the surface that counts; what all have beyond the least inside. Step.
+uniform vec4 u_completing[8];  // EdgeFilter: taps by distance, and sharpening; by spacing_step().
 
-struct Layer { float depth, weight, alpha, cover, edge; int flags; bool far, one_body; vec3 color, normal; vec4 cut; };
+struct Layer { float depth, weight, alpha, cover, edge; int flags; int step; bool far, one_body; vec3 color, normal; vec4 cut; };
 
 Layer layers[4];
 int count = 0;
@@ -130,10 +141,9 @@ void add_layer(vec2 surface, sampler2D nearest, sampler2D means, sampler2D color
   l.depth = surface.y;
   l.flags = int(texelFetch(nearest, at, 0).y);
   vec2 first = texelFetch(means, at, 0).zw;
-  if (u_opaque && first.x > 0.0) {
-    int size = int(first.y / first.x + 0.5);
-    l.flags = l.flags & ~18 | (size == 2 ? 18 : size == 1 ? 16 : 0);
-  }
+  float steps = u_opaque && first.x > 0.0 ? first.y / first.x : 0.0;
+  l.step = int(steps + 1e-3);
+  if (steps < 7.0 / 3.0) l.flags |= 2;
   l.alpha = normal.a / l.weight;
   l.color = normal.a > 0.0 ? color.rgb / normal.a : vec3(0);
   l.normal = normal.xyz;
@@ -203,36 +213,94 @@ float continued(Layer l, ivec2 at) {
   return sum;
 }
 
-float sum_at_end(float far, float near, float before, float before2, float weight) {
-  if (far >= 0.0) return far;
-  if (near >= 0.0) return before > near ? near * near / before : near;
-  return before2 > weight ? weight * weight / before2 : weight;
-}
-
-// edge_of(): the degree to which a layer is at an edge, by the sums along a row or a column.
-bool is_gap(vec4 a, float weight) { return min(max(a.y, a.x), max(a.z, a.w)) > 1.2 * weight; }
-float least_at_ends(vec4 a, float weight) {
-  return min(weight, min(sum_at_end(a.x, a.y, a.z, a.w, weight), sum_at_end(a.w, a.z, a.y, a.x, weight)));
-}
-
-void look_around(inout Layer l, bool may_end, bool may_be_far) {
+void look_around(inout Layer l) {
   ivec2 at = ivec2(gl_FragCoord.xy);
   leading = kFar;
   nearest_front = kFar;
   continued(l, at);
-  vec4 row, column;
+  for (int i = -2; i <= 2; ++i) {
+    if (i == 0) continue;
+    continued(l, at + ivec2(i, 0));
+    continued(l, at + ivec2(0, i));
+  }
+  l.far = leading < 0.8 * u_edge_weight && nearest_front >= l.depth - rim_depth(l);
+  if (l.far && is_filtered(l)) l.edge = 1.0;
+}
+
+// PixelSurfaces: which layers are slabs of one surface, and the depths that are the surface's around the pixel.
+int surface_of[4];
+float surface_sum[4], surface_last[4], surface_nearest[4], surface_farthest[4];
+void find_surfaces() {
+  int last[2] = int[2](-1, -1);
+  for (int i = 0; i < count; ++i) {
+    Layer l = layers[i];
+    int side = is_front(l) ? 1 : 0;
+    int before = last[side];
+    bool goes_on = before >= 0 && l.weight < 0.85 * u_mean && surface_sum[before] + l.weight < 1.35 * u_mean &&
+                   surface_last[before] - l.depth <= rim_depth(l);
+    if (!goes_on) {
+      surface_sum[i] = 0.0;
+      surface_nearest[i] = 3e38;
+      surface_farthest[i] = kFar;
+      if (before >= 0) surface_farthest[before] = surface_nearest[i] = 0.5 * (surface_last[before] + l.depth);
+      before = last[side] = i;
+    }
+    surface_sum[before] += l.weight;
+    surface_last[before] = l.depth;
+    surface_of[i] = before;
+  }
+}
+
+// SurfaceSum: a surface's sum over its mean in a pixel.
+float sum_around(int surface, bool front, ivec2 offset) {
+  ivec2 at = clamp(ivec2(gl_FragCoord.xy) + offset, ivec2(0), u_last);
+  vec4 first = texelFetch(u_surfaces1, at, 0);
+  vec4 second = texelFetch(u_surfaces2, at, 0);
+  vec4 weight = vec4(first.xz, second.xz) * (front ? 1.0 : -1.0);
+  vec4 depth = vec4(first.yw, second.yw);
+  float sum = 0.0;
+  float nearer = 0.0;
   for (int i = 0; i < 4; ++i) {
-    int step = i < 2 ? i - 2 : i - 1;
-    row[i] = continued(l, at + ivec2(step, 0));
-    column[i] = continued(l, at + ivec2(0, step));
+    if (weight[i] <= 0.0) continue;
+    if (depth[i] >= surface_nearest[surface]) {
+      nearer += weight[i];
+    } else if (depth[i] > surface_farthest[surface]) {
+      sum += weight[i];
+    }
   }
-  l.far = may_be_far && leading < 0.8 * u_edge_weight && nearest_front >= l.depth - rim_depth(l);
-  if (l.far && is_filtered(l)) {
-    l.edge = 1.0;
-  } else if (may_end && !is_gap(row, l.weight) && !is_gap(column, l.weight)) {
-    float least = min(least_at_ends(row, l.weight), least_at_ends(column, l.weight));
-    l.edge = clamp((0.5 - least / u_full) / (0.5 - 1.0 / 6.0), 0.0, 1.0);
+  return nearer >= 0.85 * u_mean ? 1.15 : min(1.15, sum * u_inv_mean);
+}
+
+// EdgeFilter::edge_of(): the degree to which the pixel is at the edge of a surface, and its coverage there.
+vec2 edge_of(int surface, bool front, int step) {
+  float middle = 0.0;
+  for (int y = -1; y <= 1; ++y) {
+    for (int x = -1; x <= 1; ++x) middle += sum_around(surface, front, ivec2(x, y));
   }
+  float degree = edge_by(middle / 9.0 - least_inside(step));
+  if (degree < 1.0) {
+    float least = 9.0;
+    for (int i = -2; i <= 2; i += 2) {
+      for (int side = 0; side < 4; ++side) {
+        float sum = 0.0;
+        for (int k = i - 1; k <= i + 1; ++k) {
+          int end = side < 2 ? 3 : -3;
+          sum += sum_around(surface, front, side % 2 == 0 ? ivec2(k, end) : ivec2(end, k));
+        }
+        least = min(least, sum / 3.0);
+      }
+    }
+    degree = max(degree, edge_by(least - least_inside(step)));
+    if (degree == 0.0) return vec2(0, 1);
+  }
+  float sum = 0.0;
+  for (int y = -2; y <= 2; ++y) {
+    for (int x = -2; x <= 2; ++x) {
+      sum += u_completing[step][abs(x)] * u_completing[step][abs(y)] * sum_around(surface, front, ivec2(x, y));
+    }
+  }
+  if (sum < 0.3) sum = max(sum, sum_around(surface, front, ivec2(0)));
+  return vec2(degree, coverage_of(sum, u_completing[step].w));
 }
 
 // TileABuffer::full_weight_of()
@@ -295,15 +363,34 @@ bool is_plain() {
 
 void find_edges() {
   bool hidden = u_opaque && count > 1 && is_plain();
+  vec2 edges[4];
+  float open[4];
+  bool known[4] = bool[4](false, false, false, false);
+  find_surfaces();
   for (int i = 0; i < count; ++i) {
     Layer l = layers[i];
     // Opacities of single opaque surfaces are found later.
-    bool may_end = !(u_opaque && count == 1 && !is_cut(l)) && l.weight < u_edge_weight && is_filtered(l);
-    bool may_be_far = !hidden && u_opaque && count > 1 && !is_front(l);
+    bool may_end = u_layers > 1 && !hidden && !(u_opaque && i + 1 == count && !is_cut(l)) &&
+                   l.weight < (u_opaque ? u_edge_weight : 1.15 * u_mean) && is_filtered(l);
+    bool may_be_far = u_layers > 1 && !hidden && u_opaque && count > 1 && !is_front(l);
     hidden = hidden || (u_opaque && l.weight >= u_edge_weight && is_front(l));
-    if (u_layers > 1 && (may_end || may_be_far)) look_around(layers[i], may_end, may_be_far);
-    layers[i].cover = min(1.0, l.weight / full_weight(layers[i]));
     layers[i].one_body = false;
+    if (may_be_far) look_around(layers[i]);
+    int surface = surface_of[i];
+    if (may_end && !known[surface]) {
+      known[surface] = true;
+      edges[surface] = edge_of(surface, is_front(l), l.step);
+      open[surface] = 1.0;
+    }
+    if (may_end) layers[i].edge = layers[i].far ? 1.0 : edges[surface].x;
+    layers[i].cover = min(1.0, l.weight / full_weight(layers[i]));
+    if (!may_end || is_cut(l) || edges[surface].x == 0.0) continue;
+    // Layers of one surface share what it covers.
+    float part = edges[surface].y * l.weight / surface_sum[surface];
+    float cover = open[surface] > 0.0 ? min(1.0, part / open[surface]) : 1.0;
+    open[surface] -= part;
+    float inside = min(1.0, l.weight / u_full);
+    layers[i].cover = max(1e-6, inside + layers[i].edge * (cover - inside));
   }
 }
 
@@ -376,7 +463,7 @@ void share_by_sums() {
 void main() {
   vec4 s1 = texelFetch(u_surfaces1, ivec2(gl_FragCoord.xy), 0);
   color = vec4(0);
-  sums = vec2(0);
+  sums = vec4(0, -least_inside(0), 0, 0);
   add_layer(s1.xy, u_nearest1, u_means1, u_colors1, u_normals1, ${cutOf(1, clips)});
 #if SEVERAL
   vec4 s2 = texelFetch(u_surfaces2, ivec2(gl_FragCoord.xy), 0);
@@ -385,12 +472,32 @@ void main() {
   if (u_layers > 3) add_layer(s2.zw, u_nearest4, u_means4, u_colors4, u_normals4, ${cutOf(4, clips)});
 #endif
   if (count == 0) return;
-  vec2 sides = vec2(0);
-  bool kept = false;
+  vec2 all = vec2(0);  // By side: of all surfaces,
+  vec2 largest = vec2(0);  // of the largest one,
+  vec2 covered = vec2(0);  // and what they cover if they cover independent parts.
+  vec2 nearest = vec2(0);
+  vec2 farthest = vec2(0);
+  int step = 0;
   for (int i = 0; i < count; ++i) {
-    sides += layers[i].weight * vec2(!is_front(layers[i]), is_front(layers[i]));
-    kept = kept || (layers[i].flags & 16) == 0 || (is_cut(layers[i]) && !is_filtered(layers[i]));
+    Layer l = layers[i];
+    int side = is_front(l) ? 1 : 0;
+    float sum = l.weight * u_inv_mean;
+    if (largest[side] == 0.0) nearest[side] = l.depth;
+    farthest[side] = l.depth;
+    all[side] += sum;
+    largest[side] = max(largest[side], sum);
+    covered[side] += (1.0 - covered[side]) * min(1.0, sum);
+    step = max(step, is_cut(l) && !is_filtered(l) ? 7 : l.step);
   }
+  vec2 one = largest;
+  for (int side = 0; side < 2; ++side) {
+    if (nearest[side] - farthest[side] > 0.02 * abs(nearest[side])) one[side] = max(one[side], covered[side]);
+  }
+  float larger = max(one.x, one.y);
+  float smaller = min(one.x, one.y);
+  float both = clamp((smaller - 0.7 * larger) / 0.2, 0.0, larger);
+  float share = larger - both / larger * (larger - smaller) / 2.0;
+  float slack = min(1.15, max(all.x, all.y)) - least_inside(step);
 #if SEVERAL
   find_edges();
   order_by_sight();
@@ -446,27 +553,27 @@ void main() {
   Layer l = layers[0];
   color = min(1.0, l.weight / u_full) * l.alpha * vec4(shade(l), 1);
 #endif
-  sums = vec2(kept ? color.a : min(1.0, max(sides.x, sides.y) * u_inv_mean), kept);
+  sums = step == 7 ? vec4(color.a, color.a - least_inside(7), 7, 0) : vec4(share, slack, step, 0);
 }
 `;
 
-/** A picture of sums over their mean, filtered along an axis: EdgeCoverage of surfel-render. */
-const smoothed = (sums, step) => `${kHead}
+/** A picture of what sums have beyond the least inside, evened out along an axis: EdgeCoverage of surfel-render. */
+const smoothed = (sums, channel, step) => `${kHead}
 uniform sampler2D ${sums};
 uniform vec3 u_taps;
 uniform ivec2 u_last;
 layout(location = 0) out float smooth_sum;
 float sum_at(int offset) {
   ivec2 at = ivec2(gl_FragCoord.xy) + offset * ${step};
-  return texelFetch(${sums}, clamp(at, ivec2(0), u_last), 0).x;
+  return texelFetch(${sums}, clamp(at, ivec2(0), u_last), 0).${channel};
 }
 void main() {
   smooth_sum = u_taps.x * sum_at(0) + u_taps.y * (sum_at(-1) + sum_at(1)) +
                u_taps.z * (sum_at(-2) + sum_at(2));
 }
 `;
-export const kSumsFragment = smoothed('u_sums', 'ivec2(1, 0)');
-export const kColumnsFragment = smoothed('u_rows', 'ivec2(0, 1)');
+export const kSumsFragment = smoothed('u_sums', 'y', 'ivec2(1, 0)');
+export const kColumnsFragment = smoothed('u_rows', 'x', 'ivec2(0, 1)');
 
 /** The least filtered sum along rows. */
 export const kLeastFragment = `${kHead}
@@ -476,7 +583,7 @@ uniform ivec2 u_last;
 layout(location = 0) out float least;
 void main() {
   ivec2 at = ivec2(gl_FragCoord.xy);
-  least = 1.0;
+  least = 9.0;
   for (int i = -u_reach; i <= u_reach; ++i) {
     least = min(least, texelFetch(u_smooth, ivec2(clamp(at.x + i, 0, u_last.x), at.y), 0).x);
   }
@@ -484,27 +591,14 @@ void main() {
 `;
 
 /** Opacities at edges, the background, and codes of sRGB. */
-export const kFinalFragment = `${kHead}
-uniform sampler2D u_color, u_smooth, u_least, u_sharpen, u_sums, u_relief;
+export const kFinalFragment = `${kHead}${kEdges}
+uniform sampler2D u_color, u_least, u_sums, u_relief;
 uniform bool u_edges, u_has_relief;
 uniform int u_reach, u_height;
 uniform ivec2 u_last, u_offset;
-uniform float u_backward;
+uniform vec4 u_completing[8];
 uniform vec3 u_background;
 layout(location = 0) out vec4 color;
-
-float smooth_at(ivec2 at) { return texelFetch(u_smooth, clamp(at, ivec2(0), u_last), 0).x; }
-
-float sharpened(float sum, float laplacian) {
-  float place = clamp(sum, 0.0, 1.0) * 512.0;
-  int i = min(int(place), 511);
-  float straight = mix(texelFetch(u_sharpen, ivec2(i, 0), 0).x,
-                       texelFetch(u_sharpen, ivec2(i + 1, 0), 0).x, place - float(i));
-  float difference = sum - u_backward * laplacian - straight;
-  bool small = sum < 0.3 && laplacian < 0.0;
-  float uneven = small ? 0.0 : min(min(0.03, 0.1 * sum), sum * sum);
-  return clamp(straight + difference - clamp(difference, -uneven, uneven), 0.0, 1.0);
-}
 
 vec3 code_of(vec3 c) {
   c = clamp(c, 0.0, 1.0);
@@ -515,18 +609,22 @@ void main() {
   ivec2 at = ivec2(gl_FragCoord.xy) - u_offset;
   at.y = u_height - 1 - at.y;
   vec4 seen = texelFetch(u_color, at, 0);
-  bool kept = texelFetch(u_sums, at, 0).y != 0.0;
-  if (u_edges && !kept) {
-    float low = 1.0;
+  int step = int(texelFetch(u_sums, at, 0).z);
+  if (u_edges && step < 7) {
+    float low = 9.0;
     for (int i = -u_reach; i <= u_reach; ++i) {
       low = min(low, texelFetch(u_least, ivec2(at.x, clamp(at.y + i, 0, u_last.y)), 0).x);
     }
-    if (low < 0.5) {
-      float sum = smooth_at(at);
-      float laplacian = smooth_at(at + ivec2(1, 0)) + smooth_at(at - ivec2(1, 0)) +
-                        smooth_at(at + ivec2(0, 1)) + smooth_at(at - ivec2(0, 1)) - 4.0 * sum;
-      float edge = min(1.0, (0.5 - low) / 0.2);
-      float opacity = seen.a + edge * (sharpened(sum, laplacian) - seen.a);
+    float edge = edge_by(low);
+    if (edge > 0.0) {
+      float sum = 0.0;
+      for (int y = -2; y <= 2; ++y) {
+        for (int x = -2; x <= 2; ++x) {
+          float share = texelFetch(u_sums, clamp(at + ivec2(x, y), ivec2(0), u_last), 0).x;
+          sum += u_completing[step][abs(x)] * u_completing[step][abs(y)] * min(1.15, share);
+        }
+      }
+      float opacity = seen.a + edge * (coverage_of(sum, u_completing[step].w) - seen.a);
       if (seen.a < 1.0 / 4096.0 && opacity >= 1.0 / 4096.0) {
         // No kernel reaches the pixel: it has the mean colour around it.
         vec4 around = vec4(0);
@@ -535,7 +633,7 @@ void main() {
           for (int x = -2; x <= 2; ++x) {
             ivec2 other = clamp(at + ivec2(x, y), ivec2(0), u_last);
             around += texelFetch(u_color, other, 0);
-            kept_around = kept_around || texelFetch(u_sums, other, 0).y != 0.0;
+            kept_around = kept_around || int(texelFetch(u_sums, other, 0).z) == 7;
           }
         }
         seen = around.a > 0.0 && !kept_around ? around / around.a * opacity : vec4(0);

@@ -42,6 +42,8 @@ export class Program {
         gl.uniform2fv(at, value);
       } else if (type === gl.FLOAT_VEC3) {
         gl.uniform3fv(at, value);
+      } else if (type === gl.FLOAT_VEC4) {
+        gl.uniform4fv(at, value);
       } else if (type === gl.FLOAT_MAT3) {
         gl.uniformMatrix3fv(at, false, value);
       } else if (type === gl.INT_VEC2) {

@@ -68,7 +68,6 @@ export class Renderer {
     this.least = screen(pictures.kLeastFragment);
     this.final = screen(pictures.kFinalFragment);
     this.makeQuads();
-    this.sharpen = this.texture(gl.R32F, 513, 1, this.weights.sharpen);
     this.nothing = this.texture(gl.R32F, 1, 1, new Float32Array([1]));
     this.noClips = this.texture(gl.RG32UI, 1, 1);
     this.noShading = this.texture(gl.R32UI, 1, 1, new Uint32Array([0]));
@@ -191,7 +190,7 @@ export class Renderer {
     this.textures.push(this.openTiles);
     this.tiled = this.target([this.openTiles]);
     this.color = make(gl.RGBA32F);
-    this.sumsOfSides = make(gl.RG32F);
+    this.sumsOfSides = make(gl.RGBA32F);
     this.pairs = [make(gl.RGBA32F), make(gl.RGBA32F)];
     this.paired = this.target(this.pairs);
     this.composed = this.target([this.color, this.sumsOfSides], this.depth);
@@ -353,7 +352,7 @@ export class Renderer {
       u_inv_mean: 1 / weights.mean,
       u_taps: weights.taps,
       u_reach: weights.reach,
-      u_backward: weights.backward,
+      u_completing: weights.completing,
       u_background: view.background,
     };
   }
@@ -485,14 +484,12 @@ export class Renderer {
 
   finish(uniforms, view, x0, x1) {
     const { gl } = this;
-    const [, smooth, least] = this.planes;
+    const [, , least] = this.planes;
     gl.scissor(x0, 0, x1 - x0, this.size[1]);
     this.fill(this.final, null, {
       ...uniforms,
       u_color: this.color,
-      u_smooth: smooth.texture,
       u_least: least.texture,
-      u_sharpen: this.sharpen,
       u_relief: this.nothing,
       u_has_relief: false,
       // One layer's sums end where something is in front of it, too.

@@ -60,7 +60,9 @@ uniform float u_far;       // Of orthographic views: behind all surfels. Depths 
 
 flat out vec4 v_place;  // Centre, pixels; amplitude; flags.
 flat out vec4 v_a, v_b, v_c;
-flat out vec2 v_more;  // Variance of the pixel filter of exact kernels; alpha.
+flat out vec3 v_more;  // Variance of the pixel filter of exact kernels; alpha; steps of the spacing.
+// kSpacingStep: by the mean variance of a splat without the pixel filter, over the filter's; not rounded yet.
+float spacing_steps(float variance) { return min(7.0, sqrt(max(0.0, variance)) * 7.0 / 3.0); }
 #if CLIPS
 uniform usampler2D u_clips;
 uniform float u_beyond_growth;
@@ -319,8 +321,7 @@ void main() {
     lo = center - reach;
     hi = center + reach;
     float diagonal2 = dot(reach, reach);
-    float flags = front + grazing + (diagonal2 < 4.0 * u_two_c * h2 ? 2.0 : 0.0) +
-                  (diagonal2 < 20.0 * u_two_c * h2 ? 16.0 : 0.0);
+    float flags = front + grazing;
     float amplitude = area / (2.0 * kPi) * det_J * inversesqrt(det) * share;
     if (!(amplitude > 1e-15)) return;
     float inv_np = 1.0 / (n_p < 0.0 ? min(n_p, -1e-3 * distance) : max(n_p, 1e-3 * distance));
@@ -331,7 +332,7 @@ void main() {
     v_b = vec4(u_ortho ? u_far - p.z : inv_z, n.xy * inv_np / u_focal, 0);
     v_b.x += dot(v_b.yz, moved);
     v_c = vec4(0);
-    v_more = vec2(0, alpha);
+    v_more = vec3(0, alpha, spacing_steps(diagonal2 / (2.0 * u_two_c * h2) - 1.0));
     lo += moved;
     hi += moved;
   } else {
@@ -357,9 +358,7 @@ void main() {
     }
     vec2 half_box = 0.5 * (hi - lo) - filter_reach;
     float disc2 = dot(half_box, half_box);
-    float flags = front + 32.0 + (cosine < 0.25 ? 4.0 : 0.0) +
-                  (disc2 < 2.0 * filter_reach * filter_reach ? 2.0 : 0.0) +
-                  (disc2 < 18.0 * filter_reach * filter_reach ? 16.0 : 0.0);
+    float flags = front + 32.0 + (cosine < 0.25 ? 4.0 : 0.0);
     float amplitude = area / (2.0 * kPi * s_u * s_v);
     if (!(amplitude > 1e-15)) return;
     vec2 middle = 0.5 * (max(lo, vec2(0)) + min(hi, u_size));
@@ -372,7 +371,7 @@ void main() {
     v_a = vec4(dot(du_line, ray), du_line.xy / u_focal, 1.0 / (farthest * (1.0 + on_pixel)));
     v_b = vec4(dot(dv_line, ray), dv_line.xy / u_focal, (1.0 + on_pixel) / nearest);
     v_c = vec4(dot(plane, ray), plane.xy / u_focal, u_two_c * deviation * deviation);
-    v_more = vec2(on_pixel * on_pixel, alpha);
+    v_more = vec3(on_pixel * on_pixel, alpha, spacing_steps(disc2 / (2.0 * filter_reach * filter_reach)));
   }
 #if CLIPS
   if (lines[0].cuts || lines[1].cuts) {
@@ -419,7 +418,7 @@ void main() {
 const sampleOf = (clips) => `
 #define CLIPS ${clips ? 1 : 0}
 flat in vec4 v_place, v_a, v_b, v_c;
-flat in vec2 v_more;
+flat in vec3 v_more;
 uniform float u_cutoff, u_epsilon, u_lowpass2;
 
 struct Sample { float beta, depth, epsilon, amplitude, center; };
@@ -555,7 +554,7 @@ void main() {
 
 /**
  * Sums over the fragments around the nearest one: rho, and rho times the relative distance from it. Of opaque clouds
- * also what tells the sizes of splats: surfel-render has the flags of the splat that comes first, by its centre, which
+ * also what tells the spacing of splats: surfel-render has the step of the splat that comes first, by its centre, which
  * outweighs all others here. Of other clouds rho times alpha.
  */
 export const meanFragment = (clips) => `${kHead}${sampleOf(clips)}${kLayers}${kBehind}
@@ -573,10 +572,8 @@ void main() {
   float rho = s.amplitude * exp(-s.beta) * left();
   means = vec4(rho, rho * (1.0 - s.depth / nearest.x), rho * v_more.y, 0);
   if (u_opaque) {
-    int flags = int(v_place.w);
-    float size = (flags & 2) != 0 ? 2.0 : (flags & 16) != 0 ? 1.0 : 0.0;
     means.z = exp(clamp(u_outweigh.x * (s.center - nearest.x) / nearest.z, -u_outweigh.y, u_outweigh.y));
-    means.w = means.z * size;
+    means.w = means.z * v_more.z;
   }
 }
 `;
