@@ -138,8 +138,9 @@ Place silhouette(Effort effort) {
               .published = kPublished,
               .ours = "`surfel-render`",
               .why =
-                  "tau below the mean sum makes edges too wide; ours filters and sharpens the sums "
-                  "(`render/edge_coverage.h`)"};
+                  "tau below the mean sum makes edges too wide; ours completes the sums to the "
+                  "pixel filter "
+                  "(`render/edge_filter.h`)"};
   for (const double count : {2000, 8000, 100000}) {
     if (effort == Effort::kTest && count != 8000) continue;
     const HardScene scene = make_hard_case(named("silhouette", count));
