@@ -31,18 +31,23 @@ constexpr std::size_t kConnections = 32;
 constexpr auto kRequestTime = std::chrono::seconds(2);
 /// The bytes of a request: the addresses of a page are shorter than 8192.
 constexpr std::size_t kRequestBytes = std::size_t{1} << 14;
-/// The time that a client may leave an answer unread.
+/// The time in which a client has to read an answer, which is of a few megabytes at most: one that
+/// reads a byte now and then would hold its connection for ever.
 constexpr auto kWriteTime = std::chrono::seconds(30);
 constexpr auto kLook = std::chrono::milliseconds(50);
 
-/// A connection that reads kRequestBytes in kRequestTime at most, however slowly they come.
-/// cpp-httplib limits the time of each read, and lets lines and bodies grow without bound.
+/// A connection that reads kRequestBytes in kRequestTime at most, however slowly they come, and
+/// writes for kWriteTime at most. cpp-httplib limits the time of each read and write, and lets
+/// lines and bodies grow without bound.
 class LimitedStream final : public httplib::Stream {
  public:
   explicit LimitedStream(int socket) : socket_(socket) {}
 
   bool is_readable() const override { return wait(POLLIN, end_ - Clock::now()); }
-  bool is_writable() const override { return wait(POLLOUT, kWriteTime); }
+  bool is_writable() const override {
+    const Clock::duration left = write_end_.value_or(Clock::now() + kWriteTime) - Clock::now();
+    return left > Clock::duration::zero() && wait(POLLOUT, left);
+  }
 
   ssize_t read(char* to, std::size_t size) override {
     if (at_ == held_) {
@@ -58,7 +63,9 @@ class LimitedStream final : public httplib::Stream {
   }
 
   ssize_t write(const char* from, std::size_t size) override {
-    return is_writable() ? send(socket_, from, size, MSG_NOSIGNAL) : -1;
+    if (!write_end_) write_end_ = Clock::now() + kWriteTime;
+    // A call that waits until all bytes are taken would know nothing of the end.
+    return is_writable() ? send(socket_, from, size, MSG_NOSIGNAL | MSG_DONTWAIT) : -1;
   }
 
   /// Lets the client read the answer: a socket that is closed before all has been read from it
@@ -90,6 +97,7 @@ class LimitedStream final : public httplib::Stream {
 
   int socket_;
   Clock::time_point end_ = Clock::now() + kRequestTime;
+  std::optional<Clock::time_point> write_end_;  ///< Set by the first write.
   std::size_t left_ = kRequestBytes;
   std::array<char, 4096> bytes_{};
   std::size_t held_ = 0;
