@@ -190,7 +190,8 @@ std::vector<std::string> CloudWriter::commit() {
                                          impl_->written));
   }
   impl_->file->commit();
-  return {};
+  return impl_->format == CloudFormat::kText ? renamed_in_text(impl_->columns)
+                                             : std::vector<std::string>();
 }
 
 std::vector<std::string> columns_left_out(const SurfelCloud& cloud, const std::string& path) {

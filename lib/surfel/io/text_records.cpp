@@ -3,6 +3,8 @@
 #include <cmath>
 #include <string_view>
 
+#include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <surfel/base/color.h>
 #include <surfel/io/cloud_to_records.h>
 #include <surfel/io/record_writer.h>
@@ -27,7 +29,37 @@ void append_vector(std::string_view keyword, const Vec3f& v, std::string& text) 
   text += '\n';
 }
 
+/// The names of columns without the characters that would end a name, each there once.
+std::vector<std::string> text_names(const std::vector<RecordColumn>& columns) {
+  std::vector<std::string> names;
+  for (const RecordColumn& column : columns) {
+    std::string& name = names.emplace_back(column.name);
+    std::replace_if(
+        name.begin(), name.end(),
+        [](unsigned char c) { return c <= ' ' || c == ',' || c == ';' || c == '"' || c == 0x7f; },
+        '_');
+  }
+  number_repeated_names(names);
+  return names;
+}
+
 }  // namespace
+
+void number_repeated_names(std::vector<std::string>& names) {
+  for (std::size_t k = 1; k < names.size(); ++k) {
+    const auto is_among_first = [&](const std::string& name, std::size_t count) {
+      return std::any_of(names.begin(), names.begin() + static_cast<std::ptrdiff_t>(count),
+                         [&](const std::string& other) { return same_name(other, name); });
+    };
+    if (!is_among_first(names[k], k)) continue;
+    int number = 2;
+    std::string own;
+    do {
+      own = fmt::format("{}_{}", names[k], number++);
+    } while (is_among_first(own, names.size()));
+    names[k] = std::move(own);
+  }
+}
 
 void append_record(const std::byte* record, const std::vector<RecordColumn>& columns,
                    char separator, std::string& text) {
@@ -52,17 +84,21 @@ bool are_known_columns(const std::vector<RecordColumn>& columns) {
 }
 
 std::string column_line(const std::vector<RecordColumn>& columns, char separator) {
-  std::string line = separator == ',' ? "" : "# ";
-  for (const RecordColumn& column : columns) {
-    std::string name = column.name;
-    std::replace_if(
-        name.begin(), name.end(),
-        [](unsigned char c) { return c <= ' ' || c == ',' || c == ';' || c == '"' || c == 0x7f; },
-        '_');
-    line += name;
-    line += &column == &columns.back() ? '\n' : separator;
+  return fmt::format("{}{}\n", separator == ',' ? "" : "# ",
+                     fmt::join(text_names(columns), std::string(1, separator)));
+}
+
+std::vector<std::string> renamed_in_text(const std::vector<RecordColumn>& columns) {
+  std::vector<std::string> lines;
+  const std::vector<std::string> names = text_names(columns);
+  for (std::size_t k = 0; k < columns.size(); ++k) {
+    if (names[k] == columns[k].name) continue;
+    lines.push_back(
+        fmt::format("{} is named {}: names in text have no blanks, commas or quotes, "
+                    "and differ in more than their case",
+                    columns[k].name, names[k]));
   }
-  return line;
+  return lines;
 }
 
 std::string obj_points(const SurfelCloud& cloud, std::size_t begin, std::size_t end) {

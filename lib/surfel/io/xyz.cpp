@@ -17,6 +17,7 @@
 #include <surfel/io/promises.h>
 #include <surfel/io/record_table.h>
 #include <surfel/io/text_blocks.h>
+#include <surfel/io/text_records.h>
 #include <surfel/io/text_scanner.h>
 #include <surfel/io/xyz.h>
 
@@ -152,6 +153,7 @@ class XyzBlocks final : public RecordBlocks {
   LineFacts all_;                   ///< Of all blocks; without counts.
   std::vector<RecordColumn> layout_;
   std::vector<std::size_t> from_;  ///< The file's column of each in the layout.
+  std::vector<bool> colors_;       ///< Is it a channel of a colour? By column of the layout.
   std::size_t stride_ = 0;
   double white_ = 0;  ///< The largest code of colours that become linear light; 0: none do.
 };
@@ -246,6 +248,7 @@ void XyzBlocks::read_names(const TextScanner& in) {
   named_ = true;
   if (given_) return;
   names_ = to_names(words_);
+  number_repeated_names(names_);
   columns_ = names_.size();
   if (!has_coordinates(names_)) {
     in.fail(fmt::format("{} is no number, and the line does not name the columns x, y, z",
@@ -266,7 +269,10 @@ void XyzBlocks::start_points(const TextScanner& in) {
   refuse_decimal_commas(in, words_);
   if (columns_ == 0) {
     columns_ = words_.size();
-    if (!given_ && comment_names_.size() == columns_) names_ = comment_names_;
+    if (!given_ && comment_names_.size() == columns_) {
+      names_ = comment_names_;
+      number_repeated_names(names_);
+    }
   }
   if (given_ && words_.size() != names_.size()) {
     in.fail(fmt::format("{} values, and `columns` names {}; name all of them, - leaves one out",
@@ -429,9 +435,18 @@ void XyzBlocks::name_columns() {
   }
 }
 
+/// Is it a channel of a colour, all three of which are there? One alone is a column of numbers.
 bool XyzBlocks::is_color(std::size_t column) const {
-  constexpr std::array<std::string_view, 6> kNames{"red", "green", "blue", "r", "g", "b"};
-  return std::find(kNames.begin(), kNames.end(), names_[column]) != kNames.end();
+  using Names = std::array<std::string_view, 3>;
+  const auto holds = [](const auto& names, std::string_view name) {
+    return std::find(names.begin(), names.end(), name) != names.end();
+  };
+  for (const Names& channels : {Names{"red", "green", "blue"}, Names{"r", "g", "b"}}) {
+    if (!holds(channels, names_[column])) continue;
+    return std::all_of(channels.begin(), channels.end(),
+                       [&](std::string_view channel) { return holds(names_, channel); });
+  }
+  return false;
 }
 
 /// The columns of x, y and z.
@@ -472,6 +487,7 @@ void XyzBlocks::lay_out() {
     const ScalarType type = is_place(k) ? ScalarType::kFloat64 : is_color(k) ? color : number;
     layout_.push_back({names_[k], type, stride_});
     from_.push_back(k);
+    colors_.push_back(is_color(k));
     stride_ += scalar_size(type);
   }
 }
@@ -490,7 +506,7 @@ const std::byte* XyzBlocks::read(std::size_t block, Array<std::byte>& scratch) c
         std::byte* const record = scratch.data() + rows++ * stride_;
         for (std::size_t c = 0; c < layout_.size(); ++c) {
           double value = values[from_[c]];
-          if (white_ > 0 && is_color(from_[c])) {
+          if (white_ > 0 && colors_[c]) {
             value = static_cast<double>(srgb_to_linear(static_cast<float>(value / white_)));
           }
           visit_type(layout_[c].type, [&]<class T>(T) {
