@@ -273,7 +273,8 @@ class LasWriter::Impl {
       const std::string_view name = field.name;
       names_.emplace_back(name);
       const bool color = name == "red" || name == "green" || name == "blue";
-      const RecordColumn* column = color && colored_ ? nullptr : find(name);
+      // A column of that name that is not a channel of colours would be read as one.
+      const RecordColumn* column = color ? nullptr : find(name);
       if (column) add_filled(*column, field);
       const RecordColumn* rank =
           name == "scan_angle" && !column ? find("scan_angle_rank") : nullptr;
@@ -321,11 +322,16 @@ class LasWriter::Impl {
     return portable::pow(10.0, std::floor(portable::log10(length)));
   }
   /// The finest power of ten by whose steps 32 bits reach so far in both directions.
-  static double finest_step(double reach) { return 10 * power_of_ten_below(reach / kMostSteps); }
+  static double finest_step(double reach) {
+    // Powers of ten below it have few digits, or none: the step would be zero.
+    constexpr double kLeastStep = 1e-300;
+    return 10 * power_of_ten_below(std::max(reach / kMostSteps, kLeastStep));
+  }
   /// Can the steps tell all positions?
   static bool reaches(const Vec3d& scale, const Vec3d& offset, const Bounds& box) {
     const auto in_reach = [&](const Vec3d& corner) {
-      return ((corner - offset).array() / scale.array()).abs().maxCoeff() < kMostSteps;
+      const Vec3d steps = ((corner - offset).array() / scale.array()).round();
+      return steps.minCoeff() >= -kMostSteps - 1 && steps.maxCoeff() <= kMostSteps;
     };
     return in_reach(box.min) && in_reach(box.max);
   }
