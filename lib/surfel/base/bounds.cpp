@@ -1,4 +1,5 @@
 #include <cmath>
+#include <limits>
 
 #include <fmt/format.h>
 #include <surfel/base/bounds.h>
@@ -18,6 +19,7 @@ double choose_origin(double min, double max, double extent) {
   const double center = min / 2 + max / 2;
   if (!(std::abs(center) > kFar * extent)) return 0;
   if (extent == 0) {  // All points are in one place: the offset holds what float cannot.
+    if (std::abs(center) > static_cast<double>(std::numeric_limits<float>::max())) return center;
     const auto nearest = static_cast<double>(static_cast<float>(center));
     return nearest == center ? 0 : nearest;
   }
@@ -48,9 +50,9 @@ Vec3d central_origin(const Bounds& box) {
 }
 
 void require_float_extent(const Bounds& box, const std::string& name) {
-  if (box.empty()) return;
+  // An axis without a finite coordinate has a negative extent.
   const double extent = (box.max - box.min).maxCoeff();
-  if (extent == 0 || (extent >= kLeastExtent && extent <= kLargestExtent)) return;
+  if (extent <= 0 || (extent >= kLeastExtent && extent <= kLargestExtent)) return;
   throw_input(name,
               fmt::format("its points lie within a box of {:.2g} units, and single precision "
                           "holds {:g} to {:g}; scale it{}",

@@ -175,7 +175,7 @@ void Reader::add_remainders() {
 
 /// Are there coordinates that offsets from the origin do not tell to the last bit?
 bool Reader::leaves_remainders(const PointPlace& place) const {
-  if (!decoder_.double_positions() || place.bounds.empty()) return false;
+  if (!decoder_.double_positions()) return false;
   const double step = place.decimals ? 1 / power_of_ten(*place.decimals) : table_.step;
   if (step > 0) return !tells_apart(place.bounds, place.origin, step);
   std::atomic<bool> exact = true;

@@ -27,6 +27,8 @@ bool tells_apart(const Bounds& box, const Vec3d& origin, double step) {
 /// product in double precision round, else the coordinate itself.
 double ExactCoordinates::Grid::nearest(double x, double rounding) const {
   constexpr double kSumOfProduct = 4 * std::numeric_limits<double>::epsilon();
+  // Doubles this large have no digits behind the decimals, and the product would round them.
+  if (per_unit > 0 && std::abs(x) * per_unit >= 0x1p53) return x;
   const double multiple = per_unit > 0 ? std::round(x * per_unit) / per_unit
                                        : std::round((x - offset) / step) * step + offset;
   const double tolerance = rounding + kSumOfProduct * (std::abs(x) + std::abs(offset));
