@@ -282,13 +282,14 @@ get '0/records' 'Transfer-Encoding: chunked\r\n\r\n3\r\nabc\r\n0\r\n' > requests
 printf 'HEAD /token HTTP/1.0\r\nConnection: keep-alive\r\nExpect: 100-continue\r\n\r\n' > requests/head
 printf 'POST /%%74oken/ HTTP/1.1\r\nContent-Type: application/x-www-form-urlencoded\r\nContent-Length: 3\r\n\r\na=b' > requests/post
 printf '/token/0/clusters?list=0' > requests/address
-# Bytes from 128 on repeat the last bytes: 188 + n the last 1 + n of them 32768 times.
-printf 'a.\275b = 1\n' > settings/dots
-printf 'a = [\274]' > settings/brackets
-printf 'a = "\\"\274"\nb = """#\274"""\n[[c]]\nd.e = { f = 1 }\n' > settings/quotes
-printf '{"a":\274' > settings/objects
-printf '{"frames": [[],\276]}' > settings/arrays
-printf '[[camera]]\neye = [0, 0, 3]\n\277' > settings/cameras
+# A kind of settings, and a text in which bytes from 128 on repeat the last bytes: 188 + n the last 1 + n of them 32768
+# times.
+printf '\0a.\275b = 1\n' > settings/dots
+printf '\0a = [\274]' > settings/brackets
+printf '\0a = "\\"\274"\nb = """#\274"""\n[[c]]\nd.e = { f = 1 }\n' > settings/quotes
+printf '\1[[camera]]\neye = [0, 0, 3]\n\277' > settings/cameras
+printf '\2{"frames": [[],\276]}' > settings/arrays
+printf '\3{"a":\274' > settings/objects
 # A kind of file, types of coordinates and colours, columns by name and type, and numbers by their kind.
 for kind in 0 1 2 3 4 5; do
   {
