@@ -297,10 +297,12 @@ std::optional<double> brightest_code(const Table& table) {
 }
 
 /// Are these colours that a file cannot tell from something else? LAS has zeros where there are no
-/// colours, and text that holds 0 and 1 alone means shares of white, or normals.
+/// colours, and text that holds 0 and 1 alone means shares of white, or normals. Codes of 16 bits
+/// that fit into 8 are read as such by both.
 bool are_ambiguous_colors(const Table& table, const FileKind& kind) {
   const std::optional<double> most = brightest_code(table);
-  return most && ((kind.las && *most == 0) || (kind.text && *most <= 1));
+  if (!most || !(kind.las || kind.text)) return false;
+  return *most <= (table.columns[3].type == ScalarType::kUint16 ? 255 : kind.text ? 1 : 0);
 }
 
 /// Every column comes back as it was, or a note that begins with its name says what changed.
@@ -319,6 +321,18 @@ void require_columns(const Table& table, const SurfelCloud& read, const FileKind
     require(std::equal(column.values.begin(), column.values.end(), after.begin(), after.end(),
                        kind.text ? same_text : same_value),
             "column " + column.name + " is another one after writing, and no note says so");
+  }
+}
+
+/// Colours come back as the same codes, whose linear light differs by rounding alone.
+void require_colors(const Table& table, const SurfelCloud& cloud, const SurfelCloud& read,
+                    const FileKind& kind) {
+  constexpr float kRounding = 1e-6F;
+  if (cloud.color.empty() || are_ambiguous_colors(table, kind)) return;
+  require(read.color.size() == cloud.color.size(), "colours are lost");
+  for (std::size_t i = 0; i < cloud.color.size(); ++i) {
+    require((read.color[i] - cloud.color[i]).cwiseAbs().maxCoeff() <= kRounding,
+            "a colour is another one after writing");
   }
 }
 
@@ -400,6 +414,7 @@ void written(Bytes bytes) {
     require_same_coordinates(table, read, kind.text);
   }
   require_columns(table, read, kind, notes);
+  require_colors(table, cloud, read, kind);
 
   require(write_cloud(read, path).empty(), "what was read is not written as it is");
   require_same_cloud(read, read_cloud(path), kind.text);
