@@ -227,5 +227,15 @@ TEST(ReadObj, ErrorsNameTheLine) {
   EXPECT_NE(failure_of_text("# nothing\n").find("empty"), std::string::npos);
 }
 
+/// Each name is looked for in the folder, which may hold many files.
+TEST(Obj, ManyMaterialFilesAreRefused) {
+  std::string text = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+  for (int i = 0; i < 2000; ++i) text += "mtllib same.mtl\n";
+  EXPECT_EQ(failure_of_text(text).find("material files"), std::string::npos);
+  for (int i = 0; i < 2000; ++i) text += "mtllib " + std::to_string(i) + ".mtl\n";
+  EXPECT_NE(failure_of_text(text).find("more than 1024 names of material files"),
+            std::string::npos);
+}
+
 }  // namespace
 }  // namespace surfel

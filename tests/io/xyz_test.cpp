@@ -1,3 +1,4 @@
+#include <array>
 #include <cmath>
 #include <fstream>
 
@@ -218,6 +219,37 @@ TEST(Xyz, BlocksOfLargeFilesAreOne) {
   EXPECT_TRUE(contains(failure_of(points + "5\r\n"), "line 100001: 1 values"));
   EXPECT_TRUE(contains(failure_of("100000\n" + points + "2\n0 0 0 1 2 3\n"),
                        "promises 100002 points, but 100001 follow"));
+}
+
+TEST(Xyz, RepeatedNamesGetNumbers) {
+  const SurfelCloud cloud = read_text("x,y,z,Time,time,time_2\n1,2,3,4,5,6\n", "a.csv");
+  ASSERT_EQ(cloud.extra.size(), 3U);
+  EXPECT_EQ(cloud.extra[0].name, "time");
+  EXPECT_EQ(cloud.extra[1].name, "time_3");
+  EXPECT_EQ(cloud.extra[2].name, "time_2");
+}
+
+TEST(Xyz, ChangedNamesAreNoted) {
+  SurfelCloud cloud = read_text("1 2 3\n");
+  for (const char* name : {"a,b", "Time", "time"}) {
+    cloud.extra.push_back({name, ScalarType::kUint8, Array<std::byte>(1)});
+  }
+  const TemporaryFolder folder;
+  const std::vector<std::string> notes = write_cloud(cloud, folder / "a.csv");
+  ASSERT_EQ(notes.size(), 2U);
+  EXPECT_TRUE(notes[0].starts_with("a,b is named a_b: ")) << notes[0];
+  EXPECT_TRUE(notes[1].starts_with("time is named time_2: ")) << notes[1];
+  EXPECT_EQ(read_cloud(folder / "a.csv").extra.size(), 3U);
+}
+
+/// A channel without the two others is no colour, whose codes would become linear light.
+TEST(Xyz, OneChannelIsAColumnOfNumbers) {
+  const SurfelCloud cloud = read_text("x,y,z,red\n1,2,3,27\n1,2,4,-5\n", "a.csv");
+  ASSERT_EQ(cloud.extra.size(), 1U);
+  EXPECT_TRUE(cloud.color.empty());
+  std::array<double, 2> values{};
+  load_scalars(cloud.extra[0].type, cloud.extra[0].data.data(), values.size(), values.data());
+  EXPECT_EQ(values, (std::array<double, 2>{27, -5}));
 }
 
 }  // namespace

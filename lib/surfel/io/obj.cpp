@@ -24,6 +24,10 @@ float decode_color(double encoded) {
   return std::isfinite(encoded) ? srgb_to_linear(static_cast<float>(encoded)) : kWhite;
 }
 
+/// Names of material files that are looked for. Each search reads the folder, which may hold many
+/// files; meshes name a few.
+constexpr std::size_t kMostLibraries = 1024;
+
 class ObjReader {
  public:
   explicit ObjReader(const InputFile& file)
@@ -188,12 +192,13 @@ class ObjReader {
 
   /// One file whose name may hold blanks, or several with blanks between them.
   void read_libraries(std::string_view names) {
-    if (read_library(names)) return;
+    // Exporters repeat the line before each object.
+    if (!lines_read_.emplace(names).second || read_library(names)) return;
     std::vector<std::string_view> missing;
     std::size_t found = 0;
     for (TextScanner words({}, names); !words.at_line_end();) {
       const std::string_view name = words.word();
-      if (read_library(name)) {
+      if (name.size() < names.size() && read_library(name)) {
         ++found;
       } else {
         missing.push_back(name);
@@ -208,6 +213,10 @@ class ObjReader {
   }
 
   bool read_library(std::string_view name) {
+    if (++names_tried_ > kMostLibraries) {
+      in_.fail(fmt::format("more than {} names of material files are not supported; leave some out",
+                           kMostLibraries));
+    }
     const std::string path = named_path(file_, name);
     if (!named_problem(file_, path).empty()) return false;
     if (!libraries_read_.insert(path).second) return true;
@@ -234,8 +243,10 @@ class ObjReader {
   std::optional<std::uint16_t> material_;
   std::unordered_map<std::string, std::uint16_t> material_index_;
   std::unordered_map<std::string, MtlMaterial> library_;
+  std::unordered_set<std::string> lines_read_;      ///< Names of material files, a line each.
   std::unordered_set<std::string> libraries_read_;  ///< Paths.
-  std::vector<MtlMaterial> moved_;                  ///< By material of the mesh.
+  std::size_t names_tried_ = 0;
+  std::vector<MtlMaterial> moved_;  ///< By material of the mesh.
   std::vector<std::string> notes_;
 };
 
