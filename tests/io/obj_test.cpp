@@ -228,7 +228,7 @@ TEST(ReadObj, ErrorsNameTheLine) {
 }
 
 /// Each name is looked for in the folder, which may hold many files.
-TEST(Obj, ManyMaterialFilesAreRefused) {
+TEST(ReadObj, ManyMaterialFilesAreRefused) {
   std::string text = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
   for (int i = 0; i < 2000; ++i) text += "mtllib same.mtl\n";
   EXPECT_EQ(failure_of_text(text).find("material files"), std::string::npos);
