@@ -1,13 +1,13 @@
 #include <algorithm>
 #include <array>
 #include <cstdlib>
+#include <fstream>
 #include <string>
 #include <string_view>
 #include <thread>
 #include <vector>
 
 #include <surfel/io/cloud_io.h>
-#include <surfel/lod/hierarchy.h>
 #include <surfel/view/view_service.h>
 #include <sys/socket.h>
 #include <unistd.h>
@@ -22,20 +22,49 @@ namespace {
 
 constexpr std::string_view kToken = "token";
 
+/// Five surfels in three clusters, a root and its two children: to pack clusters of hundreds of
+/// surfels would take most of the time.
+std::string text_of_levels() {
+  std::string text = "ply\nformat ascii 1.0\nelement vertex 5\n";
+  for (const char* name : {"x", "y", "z", "nx", "ny", "nz", "variance"}) {
+    text += std::string("property float ") + name + '\n';
+  }
+  text += "property uchar level\nelement surfel_cluster 3\n";
+  for (const char* name : {"begin", "count", "first_child", "child_count"}) {
+    text += std::string("property uint ") + name + '\n';
+  }
+  text += "property uchar level\n";
+  for (const char* name :
+       {"x", "y", "z", "radius", "spacing", "max_deviation", "cone_x", "cone_y", "cone_z",
+        "cone_cosine", "min_x", "min_y", "min_z", "max_x", "max_y", "max_z"}) {
+    text += std::string("property float ") + name + '\n';
+  }
+  return text +
+         "end_header\n"
+         "0 0 0 0 0 1 4 1\n0 0 0 0 0 1 1 0\n1 0 0 0 0 1 1 0\n0 1 0 0 0 1 1 0\n1 1 0 0 0 1 1 0\n"
+         "0 1 1 2 1 0.5 0.5 0 4 2 2 0 0 1 0.9 -4 -4 -4 4 4 4\n"
+         "1 2 0 0 0 0.5 0 0 2 1 1 0 0 1 0.9 -4 -4 -4 4 4 4\n"
+         "3 2 0 0 0 0.5 1 0 2 1 1 0 0 1 0.9 -4 -4 -4 4 4 4\n";
+}
+
 /// The service of two files, one of them with levels of detail.
 class SomeService {
  public:
   const ViewService& service() const { return service_; }
 
  private:
-  std::string written(const SurfelCloud& cloud, const char* name) const {
-    write_cloud(cloud, folder_ / name);
-    return folder_ / name;
+  std::string plain_file() const {
+    write_cloud(test::sphere(20), folder_ / "plain.ply");
+    return folder_ / "plain.ply";
+  }
+  std::string levels_file() const {
+    std::ofstream(folder_ / "levels.ply") << text_of_levels();
+    return folder_ / "levels.ply";
   }
 
   test::TemporaryFolder folder_;
-  ViewCloud plain_{written(test::sphere(20), "plain.ply"), {}};
-  ViewCloud levels_{written(build_hierarchy(test::sphere(260), {}), "levels.ply"), {}};
+  ViewCloud plain_{plain_file(), {}};
+  ViewCloud levels_{levels_file(), {}};
   ViewService service_{{&plain_, &levels_}, {}, std::string(kToken)};
 };
 
