@@ -49,10 +49,13 @@ Unevenness measure_unevenness(const SurfelColumns& c, std::size_t count) {
   float along = 0;
   const std::size_t step = (count + kMostSamples - 1) / kMostSamples;
   for (std::size_t i = 0; i + 1 < count; i += step) {
+    // A scan that is there twice has its points in pairs, which tell nothing.
+    std::size_t k = i + 1;
+    while (k + 1 < count && c.x[k] == c.x[i] && c.y[k] == c.y[i] && c.z[k] == c.z[i]) ++k;
     const Vec3f n(c.normal_x[i], c.normal_y[i], c.normal_z[i]);
-    const Vec3f next(c.normal_x[i + 1], c.normal_y[i + 1], c.normal_z[i + 1]);
+    const Vec3f next(c.normal_x[k], c.normal_y[k], c.normal_z[k]);
     if (n.isZero(0) || next.isZero(0)) return {};
-    const Vec3f offset(c.x[i + 1] - c.x[i], c.y[i + 1] - c.y[i], c.z[i + 1] - c.z[i]);
+    const Vec3f offset(c.x[k] - c.x[i], c.y[k] - c.y[i], c.z[k] - c.z[i]);
     const float distance = offset.norm();
     const float turn = (next - n).norm();
     off[samples] = std::abs((n + next).dot(offset)) / 2;

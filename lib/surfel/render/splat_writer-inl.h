@@ -145,13 +145,16 @@ class SplatWriter {
     };
     const Kernels& k = s.kernels;
     const V diagonal2 = mul_add(k.half_x, k.half_x, hn::Mul(k.half_y, k.half_y));
+    const M filtered = hn::Lt(diagonal2, filtered_diagonal2_);
     auto tag = hn::Or3(flag(s.planes.front, kFrontTag), flag(s.planes.grazing, kGrazingTag),
-                       hn::Or(flag(hn::Lt(diagonal2, filtered_diagonal2_), kFilteredTag),
-                              spacing_bits(diagonal2)));
+                       hn::Or(flag(filtered, kFilteredTag), spacing_bits(diagonal2)));
     if constexpr (kClips) tag = hn::Or(tag, flag(s.cuts.clipped, kClippedTag));
-    // The exponent of the share, rounded up, tells how often it fits twice.
+    // The exponent of the share, rounded up, tells how often it fits twice. The faces of a crease
+    // share pixels by their sums only where kernels are no larger than the pixel filter: those of
+    // larger splats are one fragment.
     constexpr float kLeast = 1.0F / (1 << kMostEven);
-    const V share = hn::Min(hn::Max(s.planes.epsilon_share, hn::Set(d, kLeast)), hn::Set(d, 1));
+    const V even = hn::IfThenElse(filtered, s.planes.epsilon_share, hn::Set(d, 1));
+    const V share = hn::Min(hn::Max(even, hn::Set(d, kLeast)), hn::Set(d, 1));
     const auto below = hn::Sub(hn::BitCast(du, share), hn::Set(du, 1));
     const auto halvings = hn::Sub(hn::Set(du, 126), hn::ShiftRight<23>(below));
     tag = hn::Or(tag, hn::ShiftLeft<kEvenShift>(halvings));
