@@ -234,13 +234,18 @@ bool EdgeCoverage::may_have_edges(int tile_x, int tile_y) const {
 }
 
 /// The mean sum of the place of a pixel over the mean sum within a surface: more than 1 where
-/// several scans of it are joined. Edges reach less than a patch beside theirs.
+/// several scans of it are joined, so that all patches around that are whole have such sums. Edges
+/// reach less than a patch beside theirs.
 float EdgeCoverage::mean_at(int x, int y) const {
   constexpr int kAround = 2;  // Patches.
   const auto last = [](int pixels) { return (pixels - 1) / kStripWidth; };
   const int patch_x = x / kStripWidth;
   const int patch_y = y / kStripWidth;
+  // Half of what a second scan adds.
+  constexpr float kTwoScans = 1.5F;
   float most = 0;
+  float sum = 0;
+  int whole = 0;
   for (int py = std::max(0, patch_y - kAround); py <= std::min(last(height_), patch_y + kAround);
        ++py) {
     for (int px = std::max(0, patch_x - kAround); px <= std::min(last(width_), patch_x + kAround);
@@ -248,10 +253,13 @@ float EdgeCoverage::mean_at(int x, int y) const {
       const int column = px * kStripWidth;
       const int row = py * kStripWidth;
       const int pixel = tile_pixel(column % kTileSize, row % kTileSize);
-      most = std::max(most, means_[tile_of(column, row)][pixel / kPatchPixels]);
+      const float mean = means_[tile_of(column, row)][pixel / kPatchPixels];
+      most = std::max(most, mean);
+      sum += mean >= 1 ? mean : 0;
+      whole += mean >= 1 ? 1 : 0;
     }
   }
-  return most > kSeveralSurfaces ? most : 1.0F;
+  return sum > kTwoScans * static_cast<float>(whole) ? most : 1.0F;
 }
 
 /// Fetches the sums around a tile, and returns their largest. Beyond the picture they go on as they
@@ -341,9 +349,11 @@ void EdgeCoverage::change_tile(int x0, int y0, Scratch& scratch, Image& image,
     for (int x = x0; x < x1; ++x) {
       Pixel& pixel = at(x, y);
       if (pixel.step == kCoarseStep) continue;
-      const float edge = EdgeFilter::edge_by(scratch.rows[y - y0][x - x0]);
+      const float edge = EdgeFilter::edge_by(scratch.rows[y - y0][x - x0], pixel.step);
       if (edge == 0 && !pixel.merged) continue;
-      const float inv_mean = most > kSeveralSurfaces ? 1 / mean_at(x, y) : 1;
+      // The sums of large splats are too uneven to tell how many scans there are.
+      const bool several = most > kSeveralSurfaces && pixel.step < kCoarseStep / 2;
+      const float inv_mean = several ? 1 / mean_at(x, y) : 1;
       std::array<float, 2 * kTaps + 1> rows;
       for (int i = 0; i <= 2 * kTaps; ++i) {
         const float* const s = scratch.sum[y - y0 + reach_ + i].data() + (x - x0 + reach_);

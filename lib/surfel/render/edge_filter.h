@@ -45,7 +45,7 @@ class SURFEL_API EdgeFilter {
   /// Surfaces of splats of a spacing_step() end near pixels where the evened out sums, over the
   /// mean, fall below this: of random samples one in 10,000 such sums is less.
   static constexpr float least_inside(int step) {
-    return 0.93F - 0.125F * static_cast<float>(step);
+    return std::max(0.5F, 0.93F - 0.125F * static_cast<float>(step));
   }
   /// The coverage by a completed sum over the mean.
   float coverage(float sum, int step) const {
@@ -58,10 +58,10 @@ class SURFEL_API EdgeFilter {
   /// What a sum over the mean has beyond the least one inside.
   static float slack(float sum, int step) { return sum - least_inside(step); }
   /// The degree, 0 to 1, to which a surface ends that has so little of evened out slack near a
-  /// pixel.
-  static float edge_by(float slack) {
-    constexpr float kRamp = 0.06F;
-    return std::clamp(-slack / kRamp, 0.0F, 1.0F);
+  /// pixel. The larger splats are the less steep sums end, which asks for a longer ramp.
+  static float edge_by(float slack, int step) {
+    const float ramp = std::min(0.2F, 0.06F + 0.04F * static_cast<float>(step));
+    return std::clamp(-slack / ramp, 0.0F, 1.0F);
   }
 
   /// A surface's sum over its mean in a pixel.
@@ -93,10 +93,10 @@ class SURFEL_API EdgeFilter {
       }
     };
     fetch_square(1);
-    float degree = edge_by(mean_of_middle(slacks));
+    float degree = edge_by(mean_of_middle(slacks), step);
     if (degree < 1) {
       fetch_square(kReach);
-      degree = std::max(degree, edge_by(least_of_border(slacks)));
+      degree = std::max(degree, edge_by(least_of_border(slacks), step));
       if (degree == 0) return {};
     }
     fetch_square(kTaps);

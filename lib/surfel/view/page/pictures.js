@@ -4,8 +4,8 @@ import { kHead } from 'surfel/shaders.js';
 
 /** EdgeFilter of surfel-render. */
 const kEdges = `
-float least_inside(int step) { return 0.93 - 0.125 * float(step); }
-float edge_by(float slack) { return clamp(-slack / 0.06, 0.0, 1.0); }
+float least_inside(int step) { return max(0.5, 0.93 - 0.125 * float(step)); }
+float edge_by(float slack, int step) { return clamp(-slack / min(0.2, 0.06 + 0.04 * float(step)), 0.0, 1.0); }
 float coverage_of(float sum, float sharpening) {
   float share = clamp(sum, 0.0, 1.0);
   return clamp(share + sharpening * 1.94 * (share - 0.5) * sqrt(share * (1.0 - share)), 0.0, 1.0);
@@ -277,7 +277,7 @@ vec2 edge_of(int surface, bool front, int step) {
   for (int y = -1; y <= 1; ++y) {
     for (int x = -1; x <= 1; ++x) middle += sum_around(surface, front, ivec2(x, y));
   }
-  float degree = edge_by(middle / 9.0 - least_inside(step));
+  float degree = edge_by(middle / 9.0 - least_inside(step), step);
   if (degree < 1.0) {
     float least = 9.0;
     for (int i = -2; i <= 2; i += 2) {
@@ -290,7 +290,7 @@ vec2 edge_of(int surface, bool front, int step) {
         least = min(least, sum / 3.0);
       }
     }
-    degree = max(degree, edge_by(least - least_inside(step)));
+    degree = max(degree, edge_by(least - least_inside(step), step));
     if (degree == 0.0) return vec2(0, 1);
   }
   float sum = 0.0;
@@ -615,7 +615,7 @@ void main() {
     for (int i = -u_reach; i <= u_reach; ++i) {
       low = min(low, texelFetch(u_least, ivec2(at.x, clamp(at.y + i, 0, u_last.y)), 0).x);
     }
-    float edge = edge_by(low);
+    float edge = edge_by(low, step);
     if (edge > 0.0) {
       float sum = 0.0;
       for (int y = -2; y <= 2; ++y) {
