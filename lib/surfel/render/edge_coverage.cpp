@@ -14,6 +14,9 @@ namespace {
 /// Least opacity of a pixel whose colour is its own.
 constexpr float kLeastOpacity = 1.0F / 4096;
 
+/// From this spacing_step() on the sums are too uneven to tell how many scans there are.
+constexpr int kLargeStep = 3;
+
 /// The sum of a pixel by the sums of two sides: of one body's, which are only uneven, the mean, as
 /// the larger one would be too large; where one side is hidden or not there, the larger one.
 float of_two_sides(float a, float b) {
@@ -164,7 +167,8 @@ void EdgeCoverage::store(const TileABuffer& tile, TileInside inside) {
         note_opacity(row[column], opacity);
       }
     });
-    means_[number][first / kPatchPixels] = all / kPatchPixels;
+    const bool fine = *std::max_element(step.begin(), step.end()) < kLargeStep;
+    means_[number][first / kPatchPixels] = fine ? all / kPatchPixels : 0;
   }
   if (unknown) {
     range.most = std::max(1.0F, range.most);
@@ -182,14 +186,16 @@ void EdgeCoverage::store_inside(const TileABuffer& tile) {
     const float* const tags = weights + kTag * kPatchPixels;
     std::array<std::uint32_t, kPatchPixels> raw;
     float all = 0;
+    bool fine = true;
     for (int i = 0; i < kPatchPixels; ++i) {
       const int step = spacing_step(std::bit_cast<std::uint32_t>(tags[i]));
+      fine &= step < kLargeStep;
       const auto bits = std::bit_cast<std::uint32_t>(weights[i]);
       raw[i] = (bits & ~kStepMask) | static_cast<std::uint32_t>(step);
       all += weights[i];
     }
     std::memcpy(to + first * sizeof(float), raw.data(), sizeof(raw));
-    means_[number][first / kPatchPixels] = all * filter_.inv_mean() / kPatchPixels;
+    means_[number][first / kPatchPixels] = fine ? all * filter_.inv_mean() / kPatchPixels : 0;
   }
   ranges_[number] = {.most = 1, .ends = false, .raw = true};
 }
@@ -351,8 +357,7 @@ void EdgeCoverage::change_tile(int x0, int y0, Scratch& scratch, Image& image,
       if (pixel.step == kCoarseStep) continue;
       const float edge = EdgeFilter::edge_by(scratch.rows[y - y0][x - x0], pixel.step);
       if (edge == 0 && !pixel.merged) continue;
-      // The sums of large splats are too uneven to tell how many scans there are.
-      const bool several = most > kSeveralSurfaces && pixel.step < kCoarseStep / 2;
+      const bool several = most > kSeveralSurfaces && pixel.step < kLargeStep;
       const float inv_mean = several ? 1 / mean_at(x, y) : 1;
       std::array<float, 2 * kTaps + 1> rows;
       for (int i = 0; i <= 2 * kTaps; ++i) {

@@ -144,7 +144,8 @@ class SURFEL_API EdgeCoverage {
   int tiles_x_ = 0, tiles_y_ = 0;
   Array<Pixel> pixels_;  ///< Tile by tile, row by row.
   std::vector<Range> ranges_;
-  /// Of the tiles' patches: their mean sums over the mean sum within a surface.
+  /// Of the tiles' patches: their mean sums over the mean sum within a surface; 0 where splats are
+  /// large.
   std::vector<std::array<float, kPatches>> means_;
   PerWorker<Scratch> scratch_;
 };
