@@ -39,6 +39,12 @@ bool at_rims(const Fragment& a, const Fragment& b) {
   return is_grazing(a.channel[kTag]) && is_grazing(b.channel[kTag]);
 }
 
+/// How far slabs of one surface are apart at most.
+float slab_depth(const Fragment& a, const Fragment& b) {
+  constexpr float kAtRims = 0.05F;  // Of their distance, as kRimDepth.
+  return (at_rims(a, b) ? kAtRims : kRimDepth) * std::abs(front_depth(b));
+}
+
 /// May a front be seen before a nearer back that covers the pixel? Beyond a silhouette it is: the
 /// tangent planes part fast there, but other bodies are further away.
 bool at_one_rim(const Fragment& back, const Fragment& front) {
@@ -119,7 +125,7 @@ class PixelSurfaces {
       int& before = last[shows_front(fragment.channel[kTag]) ? 1 : 0];
       const bool goes_on = before >= 0 && weight < kWholeSurface * tile.mean_weight &&
                            surfaces_[before].sum + weight < kSeveralSurfaces * tile.mean_weight &&
-                           surfaces_[before].last - depth <= kRimDepth * std::abs(depth);
+                           surfaces_[before].last - depth <= slab_depth(at(before), fragment);
       if (!goes_on) {
         surfaces_[i] = {depth, 0, -kInfinity, kInfinity};
         if (before >= 0) {
@@ -609,7 +615,7 @@ std::optional<std::pair<int, int>> slabs_of_one(const TileABuffer& tile, const S
     const float depth = front_depth(sorted[i]);
     const float distance = front_depth(sorted[before]) - depth;
     const bool one = c[kWeight] + sorted[before].channel[kWeight] < kOneSurface * tile.mean_weight;
-    if (one && distance < least && distance <= kRimDepth * std::abs(depth)) {
+    if (one && distance < least && distance <= slab_depth(sorted[before], sorted[i])) {
       least = distance;
       found = {before, i};
     }

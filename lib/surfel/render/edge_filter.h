@@ -45,7 +45,7 @@ class SURFEL_API EdgeFilter {
   /// Surfaces of splats of a spacing_step() end near pixels where the evened out sums, over the
   /// mean, fall below this: of random samples one in 10,000 such sums is less.
   static constexpr float least_inside(int step) {
-    return std::max(0.5F, 0.93F - 0.125F * static_cast<float>(step));
+    return std::max(0.5F, 0.93F - 0.2F * static_cast<float>(step));
   }
   /// The coverage by a completed sum over the mean.
   float coverage(float sum, int step) const {

@@ -4,7 +4,7 @@ import { kHead } from 'surfel/shaders.js';
 
 /** EdgeFilter of surfel-render. */
 const kEdges = `
-float least_inside(int step) { return max(0.5, 0.93 - 0.125 * float(step)); }
+float least_inside(int step) { return max(0.5, 0.93 - 0.2 * float(step)); }
 float edge_by(float slack, int step) { return clamp(-slack / min(0.2, 0.06 + 0.04 * float(step)), 0.0, 1.0); }
 float coverage_of(float sum, float sharpening) {
   float share = clamp(sum, 0.0, 1.0);
@@ -237,7 +237,7 @@ void find_surfaces() {
     int side = is_front(l) ? 1 : 0;
     int before = last[side];
     bool goes_on = before >= 0 && l.weight < 0.85 * u_mean && surface_sum[before] + l.weight < 1.35 * u_mean &&
-                   surface_last[before] - l.depth <= rim_depth(l);
+                   surface_last[before] - l.depth <= (at_rims(layers[before], l) ? 2.5 : 1.0) * rim_depth(l);
     if (!goes_on) {
       surface_sum[i] = 0.0;
       surface_nearest[i] = 3e38;
