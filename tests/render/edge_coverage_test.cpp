@@ -241,5 +241,60 @@ TEST(EdgeCoverage, SpheresEndWhereTheyShould) {
   }
 }
 
+/// Bars and gaps that are as wide, from a quarter of a pixel on: half of each pixel is covered.
+TEST(EdgeCoverage, FencesCoverTheirShare) {
+  for (const double cutoff : {1.0, 4.0}) {
+    for (const double spacing : {0.25, 0.5}) {
+      for (const double width : {0.5, 1.0, 2.0}) {
+        constexpr int kSize = 64;
+        const auto count = static_cast<int>(kSize / spacing);
+        // Surfels of an even grid would lie at the same places of all pixels.
+        const SurfelCloud plane = jittered_plane(count, 1, 0.5);
+        SurfelCloud fence;
+        for (std::size_t i = 0; i < plane.size(); ++i) {
+          const double x = (plane.position[i].x() + 1) * kSize / 2;
+          if (static_cast<int>(x / width) % 2 != 0) continue;
+          add_surfel(fence, plane.position[i], plane.normal[i], 0.49F * plane.variance[i],
+                     plane.area[i], Vec3f(1, 1, 1));
+        }
+        RenderOptions options;
+        options.cutoff = cutoff;
+        const Image image = render_unlit(fence, square_camera(kSize), options);
+        double sum = 0;
+        for (int y = 16; y < 48; ++y) {
+          for (int x = 16; x < 48; ++x) sum += image.pixel(x, y)[3];
+        }
+        EXPECT_NEAR(sum / (32 * 32), 0.5, 0.03) << cutoff << ' ' << spacing << ' ' << width;
+      }
+    }
+  }
+}
+
+/// A sphere that is there twice, each time with its points elsewhere, ends where one does.
+TEST(EdgeCoverage, JoinedScansEndWhereOneDoes) {
+  constexpr int kSize = 96;
+  constexpr double kRadius = 38;
+  const auto count = static_cast<int>(4 * M_PI * kRadius * kRadius);
+  SurfelCloud once = fibonacci_sphere(count, kRadius * 2 / kSize);
+  for (float& v : once.variance) v *= 0.49F;
+  SurfelCloud twice = once;
+  for (std::size_t i = 0; i < once.size(); ++i) {
+    const auto turned = [](const Vec3f& v) { return Vec3f(v.y(), v.z(), v.x()); };
+    add_surfel(twice, turned(once.position[i]), turned(once.normal[i]), once.variance[i],
+               once.area[i], Vec3f(1, 1, 1));
+  }
+  for (const double cutoff : {1.0, 4.0}) {
+    RenderOptions options;
+    options.cutoff = cutoff;
+    double area = 0;
+    const Image image = render_unlit(twice, square_camera(kSize), options);
+    for (int y = 0; y < kSize; ++y) {
+      for (int x = 0; x < kSize; ++x) area += image.pixel(x, y)[3];
+    }
+    const double offset = (area - M_PI * kRadius * kRadius) / (2 * M_PI * kRadius);
+    EXPECT_LT(std::abs(offset), 0.08) << cutoff;  // By sums over one mean: 0.5 pixels and more.
+  }
+}
+
 }  // namespace
 }  // namespace surfel::test

@@ -41,7 +41,7 @@ bool at_rims(const Fragment& a, const Fragment& b) {
 
 /// How far slabs of one surface are apart at most.
 float slab_depth(const Fragment& a, const Fragment& b) {
-  constexpr float kAtRims = 0.05F;  // Of their distance, as kRimDepth.
+  constexpr float kAtRims = 0.05F;  // Instead of kRimDepth, at grazing angles.
   return (at_rims(a, b) ? kAtRims : kRimDepth) * std::abs(front_depth(b));
 }
 
@@ -694,12 +694,12 @@ void insert_by_merging(TileABuffer& tile, int pixel, const Fragment& fresh, floa
   }
   if (slab >= 0) {
     add_to_layer(tile, sorted.order[slab], pixel, fresh);
-    constexpr float kRest = 0.2F;  // Of a surface.
+    constexpr float kRest = 0.2F;  // A rim's last sum is less than this share of the mean.
     const Fragment& nearer = slab < in_front ? sorted[slab] : fresh;
     if (tile.layout.opaque && least > kRimDepth * std::abs(depth) &&
         nearer.channel[kWeight] < kRest * tile.mean_weight) {
-      // Of a rim's last contributions and the surface behind them the latter has more to come,
-      // which must find it at its depth.
+      // The last contributions of a rim have joined the surface behind it. More of that surface is
+      // to come, which must find the fragment at its depth.
       const float farther = std::min(depth, front_depth(sorted[slab]));
       tile.at(sorted.order[slab], kDepth, pixel) =
           farther * tile.at(sorted.order[slab], kWeight, pixel);

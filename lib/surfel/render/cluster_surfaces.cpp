@@ -40,8 +40,9 @@ Unevenness measure_unevenness(const SurfelColumns& c, std::size_t count) {
   constexpr float kMostBend = 8;
   // The quarter of the samples that are least off are off by less than 0.45 deviations of noise.
   constexpr float kRoughByQuarter = 8;
-  // Of a surface that bends between two surfels the line from one to the other has about the mean
-  // slope: more than this tells that they are of different surfaces, or of a rough one.
+  // Where a surface bends between two surfels, the line between them has about their mean slope. A
+  // slope that differs by more than this tells that they are of different surfaces, or of a rough
+  // one.
   constexpr float kMostSlope = 1e-3F;
   std::array<float, kMostSamples> off;
   std::size_t samples = 0;

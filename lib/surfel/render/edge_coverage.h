@@ -22,14 +22,16 @@
 namespace surfel {
 
 /// The opacities of an opaque picture's pixels near silhouettes, borders and gaps, by an EdgeFilter
-/// of the picture's sums of rho.
+/// and the sums of rho in all pixels.
 ///
-/// Each side of a body sums up to the body's coverage: the larger one of the two sides' sums
-/// counts. Of several surfaces of a side in a pixel those that lie close together are of one body,
+/// Surfaces end where the sums of all fragments of a side together do: at a fold, at a step, or
+/// where two surfaces meet, these add up to the mean. Near such an end the sum of one surface tells
+/// the coverage. Each side of a body has it: the mean of the two sides counts, or the larger one
+/// where the other side is hidden. Surfaces of a side that lie close together are of one body,
 /// whose outlines run side by side, and the largest counts; others cover independent parts (12).
-/// Where several scans of one surface are joined its sums are multiples of the mean: the mean is
-/// that of the place. Surfels that lines cut take part where they are smaller than the pixel
-/// filter: the filtered sums tell more there than the lines do.
+/// Where several scans of one surface are joined its sums are multiples of the mean, and are
+/// divided by the mean sum of the pixels around instead. Surfels that lines cut take part where
+/// they are smaller than the pixel filter: the filtered sums tell more there than the lines do.
 class SURFEL_API EdgeCoverage {
  public:
   /// Room for pictures of a pixel filter's standard deviation, pixels.

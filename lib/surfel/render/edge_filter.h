@@ -18,9 +18,10 @@ namespace surfel {
 /// Gaussian sees, whatever the shape is: straight edges, corners, bars, and gaps that are narrower
 /// than a pixel.
 ///
-/// Sums are uneven, as the samples are. What is an edge or a gap, and what is unevenness, is told
-/// by sums that are evened out by a filter as wide as a pixel, and by the distance of the surfels:
-/// the closer they lie, the more even are the sums within a surface.
+/// Sums are uneven, as the samples are, the more so the further the surfels are apart. What is an
+/// edge or a gap, and what is unevenness, is told by sums that are evened out by a filter as wide
+/// as a pixel, and by the distance of the surfels. The further they are apart, the wider is the
+/// filter of the coverage, too, which is sharpened again as a straight edge asks for.
 class SURFEL_API EdgeFilter {
  public:
   /// The filters' taps on either side of a pixel.
@@ -43,7 +44,7 @@ class SURFEL_API EdgeFilter {
     return filtered(completing_[step].taps, a, b, middle, c, d);
   }
   /// Surfaces of splats of a spacing_step() end near pixels where the evened out sums, over the
-  /// mean, fall below this: of random samples one in 10,000 such sums is less.
+  /// mean, fall below this: of random samples fewer than one in 10,000 such sums do.
   static constexpr float least_inside(int step) {
     return std::max(0.5F, 0.93F - 0.2F * static_cast<float>(step));
   }
