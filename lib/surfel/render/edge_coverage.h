@@ -47,8 +47,10 @@ class SURFEL_API EdgeCoverage {
   /// The same for a tile inside a surface of which no splats are coarse (kCoarseStep) or end at
   /// lines.
   void store_inside(const TileABuffer& tile);
-  /// Notes the opacity that a pixel of a stored tile was resolved to.
-  void set_opacity(int x, int y, float opacity) { note_opacity(at(x, y), opacity); }
+  /// Notes the opacity that a pixel of a stored tile was resolved to, unless store_inside() did.
+  void set_opacity(int x, int y, float opacity) {
+    if (!ranges_[tile_of(x, y)].raw) note_opacity(at(x, y), opacity);
+  }
   /// The same for pixels that follow one another in a row of a tile's strip.
   void set_opacities(int x, int y, const float* opacity) {
     Pixel* const pixels = &at(x, y);
