@@ -37,6 +37,7 @@
 #include "tools/render/views.h"
 #include "tools/support/movie.h"
 #include "tools/support/run_ranks.h"
+#include "tools/support/surfels.h"
 #include "tools/support/tool.h"
 
 using namespace surfel::render_tool;
@@ -80,8 +81,8 @@ struct Subject {
   }
 };
 
-/// Reads what is to be drawn, and reports what it is.
-void load(surfel::tool::Tool& tool, const Settings& s, const surfel::Scene& scene,
+/// Reads what is to be drawn, and reports what it is. Chooses the light of --mesh.
+void load(surfel::tool::Tool& tool, Settings& s, const surfel::Scene& scene,
           const std::vector<AskedView>& asked, bool gaussians, Subject& subject) {
   const surfel::Timer timer;
   if (gaussians) {
@@ -361,7 +362,10 @@ int main(int argc, char** argv) {
     load(tool, s, scene, asked, gaussians, subject);
     if (subject.loaded && !subject.mesh) {
       const bool named = s.color_by != "auto" && s.color_by != "none";
-      choose_light(tool, s, *subject.loaded, named || subject.legend);
+      choose_light(
+          tool, s, surfel::tool::shown_name(s.inputs.front()),
+          named || subject.legend ? surfel::ColorLight::kUnsaid : subject.loaded->color_light(),
+          subject.loaded->surfels().transparent());
     }
     std::vector<surfel::View> views = find_views(tool, s, subject, asked, scene);
     if (s.tiles) choose_part(*s.tiles, views);

@@ -202,6 +202,37 @@ TEST(Render, ReliefsOfSurfelsAndMeshLookAlike) {
   EXPECT_LT(psnr(flat), with_relief);
 }
 
+TEST(Render, MeshHasTheLightOfItsSurfels) {
+  const Square& s = Square::get();
+  const std::string mesh = s.folder / "valley.obj";
+  write_text(mesh,
+             "v -2 -2 2\nv 0 -2 0\nv 0 2 0\nv -2 2 2\nv 2 -2 2\nv 2 2 2\n"
+             "f 1 2 3 4\nf 2 5 6 3\n");
+  const auto picture = [&](const Words& options) {
+    const std::string file = s.folder / "valley.exr";
+    Words render{tool("surfel-render"),
+                 "-o",
+                 file,
+                 "--eye",
+                 "0.4,0.6,5",
+                 "--target",
+                 "0,0,0",
+                 "--size",
+                 "96x96"};
+    render.insert(render.end(), options.begin(), options.end());
+    const RunResult result = run(render);
+    EXPECT_EQ(result.exit_code, 0) << result.errors;
+    return read_image(file, true);
+  };
+  const Image drawn = picture({mesh, "--cutoff", "2"});
+  const auto psnr = [&](const Words& options) {
+    return image_error(drawn, picture(options), {.inside_only = true}).psnr;
+  };
+  const double beside_mesh = psnr({"--mesh", mesh, "--samples", "4"});
+  EXPECT_GT(beside_mesh, 40);
+  EXPECT_LT(psnr({"--mesh", mesh, "--samples", "4", "--relief", "none"}), beside_mesh - 3);
+}
+
 TEST(Render, ExplainsItsChoicesOnce) {
   const Square& s = Square::get();
   const auto explanation = [&](const Words& options) {

@@ -18,7 +18,8 @@ std::optional<MetSurface> ball(const Vec3f& origin, const Vec3f& direction, floa
   for (const float t : {middle - std::sqrt(half2), middle + std::sqrt(half2)}) {
     if (t < from) continue;
     const Vec3f normal = origin + t * direction;
-    return MetSurface{t, {1, 1, 1, 1}, normal, 0, normal.dot(direction) < 0};
+    const bool front = normal.dot(direction) < 0;
+    return MetSurface{t, {1, 1, 1, 1}, front ? normal : Vec3f(-normal), 0, front};
   }
   return std::nullopt;
 }

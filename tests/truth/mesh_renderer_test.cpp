@@ -9,6 +9,7 @@
 #include <surfel/base/parallel.h>
 #include <surfel/base/random.h>
 #include <surfel/sample/generate.h>
+#include <surfel/sample/mesh_sampler.h>
 #include <surfel/scene/framing.h>
 #include <surfel/truth/mesh_renderer.h>
 
@@ -518,6 +519,114 @@ TEST(MeshRenderer, NormalsAreSmoothWhereTheFileHasNone) {
   for (std::size_t i = 0; i < smooth.data.size(); ++i) {
     EXPECT_NEAR(smooth.data[i], exact.data[i], 2e-2);
   }
+}
+
+/// The icosahedron in the unit sphere, whose vertices have the sphere's normals, askew.
+TriangleMesh smooth_icosahedron() {
+  TriangleMesh mesh;
+  const Eigen::Quaternionf turn = Eigen::Quaternionf(1, 0.3F, 0.2F, 0.1F).normalized();
+  const auto golden = static_cast<float>((1 + std::sqrt(5.0)) / 2);
+  for (const int axis : {0, 1, 2}) {
+    for (const Vec2f& sign : {Vec2f(1, 1), Vec2f(-1, 1), Vec2f(1, -1), Vec2f(-1, -1)}) {
+      Vec3f p(0, 0, 0);
+      p[(axis + 1) % 3] = sign.x();
+      p[(axis + 2) % 3] = sign.y() * golden;
+      mesh.position.push_back(turn * p.normalized());
+    }
+  }
+  const float edge = 2 / std::sqrt(golden * golden + 1);
+  const auto touch = [&](std::uint32_t a, std::uint32_t b) {
+    return (mesh.position[a] - mesh.position[b]).norm() < 1.01F * edge;
+  };
+  for (std::uint32_t a = 0; a < 12; ++a) {
+    for (std::uint32_t b = a + 1; b < 12; ++b) {
+      for (std::uint32_t c = b + 1; c < 12; ++c) {
+        if (!touch(a, b) || !touch(b, c) || !touch(c, a)) continue;
+        const Vec3f& p = mesh.position[a];
+        const Vec3f across = (mesh.position[b] - p).cross(mesh.position[c] - p);
+        mesh.face.push_back({a, across.dot(p) > 0 ? b : c, across.dot(p) > 0 ? c : b});
+      }
+    }
+  }
+  for (const auto& [a, b, c] : mesh.face) {
+    mesh.wedge_normal.push_back({mesh.position[a], mesh.position[b], mesh.position[c]});
+  }
+  return mesh;
+}
+
+SurfelCloud sampled(const TriangleMesh& mesh, double spacing) {
+  MeshSampleOptions options;
+  options.spacing = spacing;
+  return sample_mesh(mesh, options);
+}
+
+TEST(MeshRenderer, SmoothNormalsAreOnTheSideOfTheirFace) {
+  // The light comes from behind, where smooth normals at the rim look away from the eye. The normal
+  // of a place of the body is the mean of its face's corners, which is that place.
+  const TriangleMesh mesh = smooth_icosahedron();
+  ASSERT_EQ(mesh.face.size(), 20U);
+  const Vec3f to_light = Vec3f(0.8F, 0.3F, -0.6F).normalized();
+  Scene scene;
+  scene.ambient = {0, 0, 0};
+  scene.lights = {{Light::Type::kDirectional, (-to_light).cast<double>(), {1, 1, 1}}};
+  scene.materials[0].diffuse = {1, 1, 1};
+  MeshRenderOptions options = unfiltered();
+  options.lit = true;
+  const Image seen = render(mesh, nullptr, square_camera(64), options, scene);
+  RenderCloud surfels(sampled(mesh, 0.01));
+  const Image drawn = Renderer(surfels, scene, {}).render(square_camera(64));
+  int away = 0;
+  for (int y = 0; y < 64; ++y) {
+    for (int x = 0; x < 64; ++x) {
+      if (seen.pixel(x, y)[3] < 1) continue;
+      const Vec2f at((static_cast<float>(x) + 0.5F) / 32 - 1,
+                     1 - (static_cast<float>(y) + 0.5F) / 32);
+      std::optional<Vec3f> nearest;
+      for (const auto& [a, b, c] : mesh.face) {
+        Eigen::Matrix3f corners;
+        corners << mesh.position[a], mesh.position[b], mesh.position[c];
+        Eigen::Matrix3f flat = corners;
+        flat.row(2).setOnes();
+        const Vec3f weight = flat.inverse() * Vec3f(at.x(), at.y(), 1);
+        if (weight.minCoeff() < 0) continue;
+        const Vec3f place = corners * weight;
+        if (!nearest || place.z() > nearest->z()) nearest = place;
+      }
+      ASSERT_TRUE(nearest.has_value()) << x << ", " << y;
+      const float expected =
+          SurfelCloud::colorless().x() * std::max(0.0F, nearest->normalized().dot(to_light));
+      EXPECT_NEAR(seen.pixel(x, y)[0], expected, 1e-4F) << x << ", " << y;
+      if (nearest->z() < 0) ++away;
+      if (drawn.pixel(x, y)[3] < 0.999F) continue;
+      EXPECT_NEAR(drawn.pixel(x, y)[0], expected, 0.02F) << x << ", " << y;
+    }
+  }
+  EXPECT_GT(away, 10);
+}
+
+TEST(MeshRenderer, ReliefDarkensCreasesAsInPicturesOfSurfels) {
+  TriangleMesh valley;
+  for (const float x : {-2.0F, 0.0F, 2.0F}) {
+    for (const float y : {-2.0F, 2.0F}) valley.position.emplace_back(x, y, std::abs(x));
+  }
+  valley.face = {{0, 2, 1}, {1, 2, 3}, {2, 4, 3}, {3, 4, 5}};
+  RenderCloud surfels(sampled(valley, 0.02));
+  const Scene scene;
+  RenderOptions drawn;
+  MeshRenderOptions traced = unfiltered();
+  traced.lit = true;
+  const auto draw = [&] { return Renderer(surfels, scene, drawn).render(square_camera(64)); };
+  const auto trace = [&] { return render(valley, nullptr, square_camera(64), traced, scene); };
+  const Image drawn_plain = draw();
+  const Image traced_plain = trace();
+  drawn.relief = traced.relief = Relief::kOcclusion;
+  const Image drawn_shaded = draw();
+  const Image traced_shaded = trace();
+  const float kept = drawn_shaded.pixel(32, 32)[0] / drawn_plain.pixel(32, 32)[0];
+  EXPECT_LT(kept, 0.9F);
+  EXPECT_NEAR(traced_shaded.pixel(32, 32)[0] / traced_plain.pixel(32, 32)[0], kept, 0.03F);
+  EXPECT_NEAR(traced_shaded.pixel(10, 32)[0], traced_plain.pixel(10, 32)[0], 1e-3F);
+  EXPECT_EQ(traced_shaded.pixel(32, 32)[3], 1);
 }
 
 /// Lit by one light that is not the eye's.

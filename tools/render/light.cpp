@@ -2,15 +2,12 @@
 
 #include <fmt/format.h>
 
-#include "tools/support/surfels.h"
-
 namespace surfel::render_tool {
 
-void choose_light(tool::Tool& tool, Settings& s, const LoadedCloud& loaded, bool by_attribute) {
-  const ColorLight colors = by_attribute ? ColorLight::kUnsaid : loaded.color_light();
+void choose_light(tool::Tool& tool, Settings& s, const std::string& name, ColorLight colors,
+                  bool transparent) {
   // Who describes a scene wants to see its light.
   const bool free = s.shading == Shading::kAuto && s.scene_file.empty();
-  const std::string name = tool::shown_name(s.inputs.front());
   if (free && colors == ColorLight::kRecorded) {
     s.render.lit = false;
     tool.note(fmt::format(
@@ -25,7 +22,7 @@ void choose_light(tool::Tool& tool, Settings& s, const LoadedCloud& loaded, bool
   if (s.relief != ReliefChoice::kAuto) return;
   const bool fast = !s.reference && s.filter != Filter::kEwaSource && !blends_layers(s);
   if (fast && s.render.lit && s.scene_file.empty() && colors == ColorLight::kUnsaid &&
-      !loaded.surfels().transparent()) {
+      !transparent) {
     s.render.relief = Relief::kOcclusion;
   }
 }

@@ -14,6 +14,7 @@
 #include <surfel/truth/reference.h>
 #include <surfel/truth/source_ewa.h>
 
+#include "tools/render/light.h"
 #include "tools/support/normal_maps.h"
 #include "tools/support/surfels.h"
 
@@ -114,13 +115,20 @@ Image paint_view(const Settings& s, const Paint& paint, const View& view, Scene&
   return image;
 }
 
-MeshPainter::MeshPainter(tool::Tool& tool, const Settings& s, const Scene& scene)
+MeshPainter::MeshPainter(tool::Tool& tool, Settings& s, const Scene& scene)
     : mesh_(read_mesh(s.mesh)) {
   require_sampleable(mesh_, s.mesh);
   for (const std::string& note : mesh_.notes) tool.note(s.mesh + ": " + note);
   const bool named = std::any_of(mesh_.material.begin(), mesh_.material.end(),
                                  [](const auto& m) { return !m.texture.empty(); });
   if (!s.texture.image.empty() || named) textures_ = load_textures(s.texture, &mesh_, s.mesh);
+  const bool untextured = !mesh_.face_material.empty() &&
+                          std::any_of(mesh_.material.begin(), mesh_.material.end(),
+                                      [](const MeshMaterial& m) { return m.texture.empty(); });
+  const bool colored = textures_ || !mesh_.color.empty() || untextured;
+  const bool transparent = std::any_of(mesh_.material.begin(), mesh_.material.end(),
+                                       [](const auto& m) { return m.opacity < 1; });
+  choose_light(tool, s, s.mesh, colored ? color_light(mesh_) : ColorLight::kUnsaid, transparent);
   if (s.render.lit) normals_ = tool::load_normal_maps(tool.app(), s.normals, &mesh_, s.mesh);
   for (const std::string& image : image_files(mesh_)) {
     tool.files().read_also("the mesh's image", image);
@@ -132,6 +140,7 @@ MeshPainter::MeshPainter(tool::Tool& tool, const Settings& s, const Scene& scene
                         .cull_back = s.render.cull_back,
                         .lit = s.render.lit,
                         .bounces = s.bounces,
+                        .relief = s.render.relief,
                         .background = s.render.background,
                         .normal_maps = normals_ ? &*normals_ : nullptr});
 }

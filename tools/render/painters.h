@@ -40,8 +40,9 @@ Image paint_view(const Settings& s, const Paint& paint, const View& view, Scene&
 /// A mesh with its textures, and its renderer.
 class MeshPainter {
  public:
-  /// Reads the mesh that the settings name and the images of its materials. Refers to the scene.
-  MeshPainter(tool::Tool& tool, const Settings& s, const Scene& scene);
+  /// Reads the mesh that the settings name and the images of its materials, and chooses its light
+  /// where the settings leave it open. Refers to the scene.
+  MeshPainter(tool::Tool& tool, Settings& s, const Scene& scene);
   MeshPainter(const MeshPainter&) = delete;
   MeshPainter& operator=(const MeshPainter&) = delete;
 

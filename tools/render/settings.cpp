@@ -260,7 +260,7 @@ void declare_shading(tool::CommandLine& app, Settings& s) {
               {"occlusion", ReliefChoice::kOcclusion}},
              "Shade by the picture's depths, which needs no normals: eye-dome by what is nearer "
              "around a pixel, occlusion by how much light what is around it hides; auto: "
-             "occlusion for opaque surfels without colours that are lit by no --scene");
+             "occlusion for opaque surfels, or --mesh, without colours that are lit by no --scene");
   app.add_option("--scene", s.scene_file, "Lights, materials, environment (TOML)");
   add_choice(app, "--refraction", s.refraction,
              {{"scene", Refractions::kScene},
@@ -407,14 +407,15 @@ void require_effect(const tool::CommandLine& app, const Settings& s) {
   const auto refuse_fast = [&](const std::string& renderer, std::vector<std::string> options) {
     for (const char* option :
          {"--kernel", "--kernel-tolerance", "--layers", "--method", "--voronoi", "--layers-by",
-          "--peel", "--relief", "--explain", "--explain-pixel"}) {
+          "--peel", "--explain", "--explain-pixel"}) {
       options.emplace_back(option);
     }
     refuse(renderer, options);
   };
   if (s.contact_sheet) refuse("--contact-sheet", {"--legend", "--explain-pixel"});
-  if (s.reference) refuse_fast("--reference", {"--filter", "--contact-sheet"});
-  if (s.filter == Filter::kEwaSource) refuse_fast("--filter ewa-source", {"--contact-sheet"});
+  if (s.reference) refuse_fast("--reference", {"--filter", "--contact-sheet", "--relief"});
+  if (s.filter == Filter::kEwaSource)
+    refuse_fast("--filter ewa-source", {"--contact-sheet", "--relief"});
   if (blends_layers(s)) refuse("methods that blend layers", {"--contact-sheet"});
   if (s.projection == Projection::kEquirectangular) {
     refuse("--projection equirectangular", {"--contact-sheet", "--explain-pixel"});

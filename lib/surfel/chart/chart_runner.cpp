@@ -78,9 +78,10 @@ std::vector<ToolOption> truth_options(const ToolChain& chain, bool reference) {
                                               "--background", "--cull",    "--refraction"};
   static const std::set<std::string> kReference = {"--cutoff", "--depth-epsilon",
                                                    "--coverage-threshold"};
+  static const std::set<std::string> kMesh = {"--relief"};
   std::vector<ToolOption> kept;
   for (const ToolOption& option : chain.options(Stage::kRender)) {
-    if (kBoth.count(option.name) > 0 || (reference && kReference.count(option.name) > 0)) {
+    if (kBoth.count(option.name) > 0 || (reference ? kReference : kMesh).count(option.name) > 0) {
       kept.push_back(option);
     }
   }

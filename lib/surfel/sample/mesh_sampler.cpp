@@ -424,15 +424,6 @@ void drop_plain_shading(SurfelCloud& cloud) {
   if (bent == 0) cloud.shading_normal = {};
 }
 
-/// The light in the colours of the faces' materials.
-ColorLight color_light(const TriangleMesh& mesh) {
-  if (mesh.material.empty()) return ColorLight::kReflectance;
-  std::size_t unlit = 0;
-  for (const std::uint16_t material : mesh.face_material) unlit += mesh.material[material].unlit;
-  if (unlit == 0) return ColorLight::kReflectance;
-  return unlit == mesh.face.size() ? ColorLight::kRecorded : ColorLight::kMixed;
-}
-
 /// Cuts surfels at the mesh's edges and adds the surfels that go on beyond.
 class EdgeCutter {
  public:
@@ -536,6 +527,14 @@ void require_sampleable(const TriangleMesh& mesh, const std::string& name) {
                                   "coordinates up to {:.0e} are taken, scale the mesh down",
                                   v, largest, kLargestCoordinate));
   }
+}
+
+ColorLight color_light(const TriangleMesh& mesh) {
+  if (mesh.material.empty()) return ColorLight::kReflectance;
+  std::size_t unlit = 0;
+  for (const std::uint16_t material : mesh.face_material) unlit += mesh.material[material].unlit;
+  if (unlit == 0) return ColorLight::kReflectance;
+  return unlit == mesh.face.size() ? ColorLight::kRecorded : ColorLight::kMixed;
 }
 
 SurfelCloud sample_mesh(const TriangleMesh& whole, const MeshSampleOptions& options,

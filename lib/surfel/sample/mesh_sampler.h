@@ -109,4 +109,8 @@ SURFEL_API SurfelCloud sample_mesh(const TriangleMesh& mesh, const MeshSampleOpt
                                    MeshSampleReport* report = nullptr,
                                    const std::string& name = {});
 
+/// What the colours of the faces' materials and textures are, which sample_mesh() gives the cloud.
+/// `face_material` names rows of `material`.
+SURFEL_API ColorLight color_light(const TriangleMesh& mesh);
+
 }  // namespace surfel

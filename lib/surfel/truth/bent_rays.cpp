@@ -20,6 +20,7 @@ struct Path {
 /// A surface at which a path is parted.
 struct Place {
   SeenSurface seen;
+  Vec3f lit_normal;      ///< Of the side that is seen, even where it looks away from the eye.
   Vec3f at;              ///< In the axes of the paths' origins.
   Eigen::Array4f color;  ///< The surface's own, premultiplied by all of its opacity.
   bool front;
@@ -86,6 +87,7 @@ class PathTracer {
     const Vec3f to_eye = -path.direction;
     const Vec3f normal = met.normal.dot(to_eye) < 0 ? Vec3f(-met.normal) : met.normal;
     return {{material, to_eye, normal, 1, microfacet_variance(material)},
+            met.normal,
             path.origin + met.t * path.direction,
             material.opacity * met.color,
             met.front};
@@ -112,7 +114,9 @@ class PathTracer {
     Vec3f out(0, 0, 0);
     if (opacity > 0) {
       const Vec3f color = place.color.head<3>() / opacity;
-      out = opacity * rays_.shader.lit_color(color, seen, place.at - rays_.eye);
+      SeenSurface lit = seen;
+      lit.normal = place.lit_normal;
+      out = opacity * rays_.shader.lit_color(color, lit, place.at - rays_.eye);
     }
     const Vec3f passes = (1 - opacity) * (Vec3f::Ones() - seen.material.absorption);  // (11)
     const Vec3f kept = Vec3f::Ones() - reflectance;

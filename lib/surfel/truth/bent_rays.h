@@ -17,7 +17,7 @@ namespace surfel {
 struct MetSurface {
   float t;               ///< Along the ray, scene units.
   Eigen::Array4f color;  ///< R G B A, premultiplied, linear; the material's opacity not applied.
-  Vec3f normal;          ///< Unit, on either side.
+  Vec3f normal;          ///< Unit, of the side that the ray meets; smooth ones may look away.
   std::size_t material;  ///< Row of the scene's table.
   bool front;            ///< The ray comes from outside of the body that the surface bounds.
 };

@@ -8,8 +8,10 @@
 #include <fmt/format.h>
 #include <surfel/base/error.h>
 #include <surfel/base/option_check.h>
+#include <surfel/base/parallel.h>
 #include <surfel/base/plugin.h>
 #include <surfel/render/a_buffer.h>
+#include <surfel/render/relief.h>
 #include <surfel/render/shading.h>
 #include <surfel/sample/mesh_face.h>
 #include <surfel/sample/mesh_sampler.h>
@@ -138,10 +140,12 @@ struct MeshRenderer::Impl {
   Eigen::Array4f texel(const TextureMap& image, std::uint32_t face, const Barycentric& b) const;
   Eigen::Array4f color(std::uint32_t face, const Barycentric& b) const;
   Vec3f normal(std::uint32_t face, const Barycentric& b) const;
+  bool is_outside(const MeshHit& hit, const Vec3f& normal) const;
   Vec3f mapped_normal(std::uint32_t face, const Barycentric& b, const Vec3f& smooth) const;
   Fragment surface(const View& view, const MeshHit& hit, double z) const;
+  NearnessPicture nearness(const View& view) const;
   float gap() const { return static_cast<float>(2 * bounds.radius * kGap); }
-  Rgba trace(const View& view, double x, double y) const;
+  Rgba trace(const View& view, double x, double y, float* nearness = nullptr) const;
   Rgba trace_bent(const View& view, double x, double y) const;
 };
 
@@ -202,6 +206,13 @@ Vec3f MeshRenderer::Impl::normal(std::uint32_t face, const Barycentric& b) const
   return across.normalized().cast<float>();
 }
 
+/// Does a ray meet the side that the surface's normal is on, which a file may give against the
+/// order of the corners?
+bool MeshRenderer::Impl::is_outside(const MeshHit& hit, const Vec3f& normal) const {
+  const Vec3d across = area_vector(face_corners(mesh, hit.face));
+  return hit.front != (across.dot(normal.cast<double>()) < 0);
+}
+
 /// The relief's normal at a place of a face whose own normal is `smooth`.
 Vec3f MeshRenderer::Impl::mapped_normal(std::uint32_t face, const Barycentric& b,
                                         const Vec3f& smooth) const {
@@ -228,23 +239,21 @@ Fragment MeshRenderer::Impl::surface(const View& view, const MeshHit& hit, doubl
   bool front = hit.front;
   if (view.shader.lit()) {
     n = normal(hit.face, b);
-    if (options.normal_maps) {
-      // The side that the normal is on, which a file may give against the order of the corners.
-      const Vec3d across = area_vector(face_corners(mesh, hit.face));
-      if (across.dot(n.cast<double>()) < 0) front = !front;
-      n = mapped_normal(hit.face, b, n);
-    }
+    front = is_outside(hit, n);
+    if (options.normal_maps) n = mapped_normal(hit.face, b, n);
   }
   return fragment(opacity * color(hit.face, b), n, view.shader.depth(static_cast<float>(z)), number,
                   front);
 }
 
-/// Premultiplied colour at picture coordinates.
-Rgba MeshRenderer::Impl::trace(const View& view, double x, double y) const {
+/// Premultiplied colour at picture coordinates. `nearness`, if not null, gets that of the surface
+/// at which opacity passes one half, else of the nearest one, or kNothing.
+Rgba MeshRenderer::Impl::trace(const View& view, double x, double y, float* nearness) const {
   const auto at_x = static_cast<float>(x);
   const auto at_y = static_cast<float>(y);
   Rgba seen;
   SeenThrough surfaces;
+  if (nearness) *nearness = NearnessPicture::kNothing;
   const ViewRay ray = view_ray(view.camera, x, y);
   const std::optional<Span> span =
       tracer ? inside(bounds, view.eye + ray.origin, ray.direction) : std::nullopt;
@@ -261,7 +270,11 @@ Rgba MeshRenderer::Impl::trace(const View& view, double x, double y) const {
       if (!hit) break;
       const Fragment at = surface(view, *hit, start + static_cast<double>(hit->t));
       const Rgba shaded = view.shader.shade(at, at_x, at_y, 1);
+      const bool half = seen.alpha < 0.5F;
       seen.composite(shaded);
+      if (nearness && (*nearness == NearnessPicture::kNothing || (half && seen.alpha >= 0.5F))) {
+        *nearness = at.channel[kDepth];
+      }
       surfaces.add(at, 1, 1, shaded.alpha);
       rest.from = hit->t + gap();
     }
@@ -285,12 +298,28 @@ Rgba MeshRenderer::Impl::trace_bent(const View& view, double x, double y) const 
                                       options.cull_back});
     if (!hit) return std::nullopt;
     const Barycentric b(1 - hit->u - hit->v, hit->u, hit->v);
-    return MetSurface{hit->t, color(hit->face, b), normal(hit->face, b), material(hit->face),
-                      hit->front};
+    const Vec3f outwards = normal(hit->face, b);
+    const Vec3f seen = is_outside(*hit, outwards) ? outwards : Vec3f(-outwards);
+    return MetSurface{hit->t, color(hit->face, b), seen, material(hit->face), hit->front};
   };
   const BentRays rays{scene, view.shader, view.eye.cast<float>(), gap(), options.bounces};
   return rays.trace(nearest, (view.eye + ray.origin + start * ray.direction).cast<float>(),
                     ray.direction.normalized().cast<float>(), 0);
+}
+
+/// Nearness of what the centres of the pixels show, as far around the rows as relief looks.
+NearnessPicture MeshRenderer::Impl::nearness(const View& view) const {
+  const Camera& camera = view.camera;
+  const int margin = relief_margin(options.relief, camera);
+  const RowRange rows = camera.drawn_rows();
+  const RowRange seen{std::max(0, rows.begin - margin), std::min(camera.height, rows.end + margin)};
+  NearnessPicture picture;
+  picture.reset(camera.width, seen, margin);
+  parallel_each(static_cast<std::size_t>(seen.end - seen.begin), 1, [&](std::size_t row) {
+    const int y = seen.begin + static_cast<int>(row);
+    for (int x = 0; x < camera.width; ++x) trace(view, x + 0.5, y + 0.5, picture.at(x, y));
+  });
+  return picture;
 }
 
 MeshRenderer::MeshRenderer(const TriangleMesh& mesh, const TextureSet* textures, const Scene& scene,
@@ -326,8 +355,7 @@ Image MeshRenderer::render(const Camera& camera,
                            const std::function<void(double)>& progress) const {
   require_usable(camera);
   const MeshRenderOptions& options = impl_->options;
-  const Shader shader(options.lit ? &impl_->scene : nullptr, camera, 0,
-                      options.normal_maps != nullptr);
+  const Shader shader(options.lit ? &impl_->scene : nullptr, camera, 0, true);
   const View view{camera, shader, camera.eye - impl_->mesh.origin};
   Image image = supersample(
       camera, {options.samples, options.lowpass},
@@ -335,7 +363,13 @@ Image MeshRenderer::render(const Camera& camera,
         return options.bounces > 0 ? impl_->trace_bent(view, x, y) : impl_->trace(view, x, y);
       },
       progress);
-  composite_over(image, camera.drawn_rows(), options.background);
+  if (options.relief == Relief::kNone) {
+    composite_over(image, camera.drawn_rows(), options.background);
+  } else {
+    const auto& [red, green, blue, alpha] = options.background;
+    add_relief(image, impl_->nearness(view), camera, options.relief,
+               {alpha * red, alpha * green, alpha * blue, alpha});
+  }
   return image;
 }
 

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include <surfel/base/export.h>
+#include <surfel/render/render_options.h>
 #include <surfel/scene/camera.h>
 #include <surfel/scene/framing.h>
 #include <surfel/scene/image.h>
@@ -29,6 +30,7 @@ struct MeshRenderOptions {
   /// surfels do, SP06 (12). Above 0 the scene needs an environment, and its `refraction` plays no
   /// role.
   int bounces = 0;
+  Relief relief = Relief::kNone;  ///< By the depths at the pixels' centres: see add_relief().
   std::array<float, 4> background{0, 0, 0, 0};  ///< Linear R G B, straight alpha.
   /// Relief of the faces, which bends their normals, texels bilinearly interpolated; null: none. It
   /// must outlive the renderer.
@@ -45,8 +47,10 @@ struct MeshRenderOptions {
 /// texels, bilinearly interpolated and not filtered: the rays of a pixel do that. Without textures
 /// it is the vertices' colour, else the material's where that names no image, else the light grey
 /// of colourless clouds. Normals are the file's, else smooth ones as sample_mesh() makes them by
-/// default, and are shaded as surfels' normals are; the scene's materials, too, apply as to the
-/// surfels, by the number of the face's material. Then supersample() filters the rays of a picture.
+/// default. They are on the side of the face that the ray meets, so that smooth normals beside a
+/// silhouette may look away from the eye, and are shaded as surfels' normals are; the scene's
+/// materials, too, apply as to the surfels, by the number of the face's material. Then
+/// supersample() filters the rays of a picture.
 ///
 /// With `bounces`, rays follow geometrical optics instead: each surface whose material has an index
 /// of refraction bends a ray by Snell's law where it goes in (through a front face) and where it
