@@ -162,7 +162,7 @@ def fit_texture(
     cutoff: float = _FIT["cutoff"],
     wrap: str | None = _FIT["wrap"],
     charts: bool = _FIT["charts"],
-    reconstruction: float = _FIT["reconstruction"],
+    reconstruction: float | None = _FIT["reconstruction"],
     prefilter: float = _FIT["prefilter"],
     max_aspect: float = _FIT["max_aspect"],
     exact: bool = _FIT["exact"],

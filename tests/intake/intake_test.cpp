@@ -4,11 +4,16 @@
 
 #include <gtest/gtest.h>
 #include <surfel/base/error.h>
+#include <surfel/base/random.h>
 #include <surfel/intake/intake.h>
 #include <surfel/io/cloud_io.h>
 #include <surfel/io/image_io.h>
+#include <surfel/io/mesh_io.h>
 #include <surfel/scene/image.h>
+#include <surfel/texture/texture_source.h>
+#include <surfel/truth/mesh_renderer.h>
 
+#include "render/scenes.h"
 #include "support/message_of.h"
 #include "support/run_tool.h"
 
@@ -52,7 +57,8 @@ TEST_F(IntakeFiles, MeshesAreSampledAndTextured) {
   ASSERT_EQ(made.cloud.coefficient.size(), made.cloud.size());
   for (std::size_t i = 0; i < made.cloud.size(); ++i) {
     const double y = made.cloud.world(i).y();
-    if (std::abs(y - 0.5) < 0.2) continue;  // The texture is blurred by a texel and a kernel.
+    // Texels are interpolated, to the other side of the repeated image as well, and filtered.
+    if (std::abs(y - 0.5) < 0.2 || std::abs(y - 0.5) > 0.35) continue;
     EXPECT_NEAR(made.cloud.coefficient[i].y(), y > 0.5 ? 1 : 0, 0.1) << y;
     EXPECT_NEAR(made.cloud.color[i].x(), 1, 1e-4);
   }
@@ -62,6 +68,60 @@ TEST_F(IntakeFiles, MeshesAreSampledAndTextured) {
   EXPECT_EQ(made.file, "m-textured.ply");
   ASSERT_EQ(made.done.size(), 1U);
   EXPECT_TRUE(contains(made.done[0], mesh_)) << made.done[0];
+}
+
+TEST_F(IntakeFiles, TexturesCloseByAreThoseOfRays) {
+  // Twenty pixels a texel, one, and a quarter of one; noise, so that all waves count.
+  const Camera camera = test::square_camera(80);
+  for (const int texels : {4, 80, 320}) {
+    Image image = rgba_image(texels, texels);
+    for (std::size_t i = 0; i < image.data.size(); ++i) {
+      image.data[i] = i % 4 == 3 ? 1 : static_cast<float>(random_uniform(58, i, 0));
+    }
+    const std::string name = folder_ / "noise.exr";
+    write_image(image, name);
+    write_text(mesh_,
+               "v -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n"
+               "f 1/1 2/2 3/3 4/4\n");
+    const TriangleMesh mesh = read_mesh(mesh_);
+    TextureSet textures = load_textures({.image = name}, &mesh, mesh_);
+    MeshRenderOptions rays;
+    rays.samples = 6;
+    rays.lit = false;
+    const Scene scene;
+    const Image truth = MeshRenderer(mesh, &textures, scene, rays).render(camera);
+    RenderOptions options;
+    options.lit = false;
+    for (const double cutoff : {1.0, 2.0}) {
+      const Intake::Made made =
+          Intake({mesh_}).surfels(0.5 * 2 / 80, {.image = name, .cutoff = cutoff});
+      RenderCloud surfels(made.cloud);
+      options.cutoff = cutoff;
+      const Image drawn = Renderer(surfels, scene, options).render(camera);
+      double square = 0;
+      int count = 0;
+      for (int y = 5; y < 75; ++y) {
+        for (int x = 5; x < 75; ++x) {
+          for (int c = 0; c < 3; ++c, ++count) {
+            square += std::pow(drawn.pixel(x, y)[c] - truth.pixel(x, y)[c], 2);
+          }
+        }
+      }
+      EXPECT_GT(-10 * std::log10(square / count), 42) << texels << " texels, cutoff " << cutoff;
+    }
+  }
+}
+
+TEST_F(IntakeFiles, PrefilterMakesUpForTruncatedKernels) {
+  // (h^2 - k (h^2 + V)) / V of V = (0.7 / 2)^2 pixels^2, k = 1 - c / (e^c - 1).
+  const auto command = [&](const IntakeOptions& options) {
+    return Intake({mesh_}).surfels(0.05, options).commands.at(1);
+  };
+  EXPECT_TRUE(contains(command({}), "--prefilter=4 "));  // 4.33, bounded.
+  EXPECT_TRUE(contains(command({.cutoff = 2}), "--prefilter=1.9 "));
+  EXPECT_TRUE(contains(command({.lowpass = 0.5}), "--prefilter=0.77 "));
+  EXPECT_TRUE(contains(command({.nearest = 0.7}), "--prefilter=1.9 "));
+  EXPECT_TRUE(contains(command({.nearest = 0.05}), "--prefilter=0.5 "));
 }
 
 TEST_F(IntakeFiles, SamplesOfTrianglesBehindEachOtherAreBounded) {

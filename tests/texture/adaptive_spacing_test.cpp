@@ -58,8 +58,8 @@ double blur_error(const SurfelCloud& cloud, TextureSet& textures) {
   for (float& v : blurred.variance) v *= 1.42f;  // Of the coefficients and of the picture.
   SurfelCloud sharp = cloud;
   std::fill(sharp.variance.begin(), sharp.variance.end(), 0.0f);
-  fit_texture(blurred, textures, {});
-  fit_texture(sharp, textures, {});
+  fit_texture(blurred, textures, {.reconstruction = 1});
+  fit_texture(sharp, textures, {.reconstruction = 1});
   double sum = 0;
   double area = 0;
   for (std::size_t i = 0; i < cloud.size(); ++i) {

@@ -64,6 +64,7 @@ float largest_difference(const SurfelCloud& a, const SurfelCloud& b) {
 TextureFitOptions gram_fit(GramRightSide side) {
   TextureFitOptions options = fit_of(TextureFitKind::kGram);
   options.right_side = side;
+  options.reconstruction = 1;
   return options;
 }
 
@@ -237,7 +238,7 @@ TEST(CoefficientFit, NormalisedGramIsTheDenseSolution) {
   SurfelCloud cloud = grid(30, 0.7);
   TextureSet textures = one_map(noise_image(64, 64, 5));
   SurfelCloud ewa = cloud;
-  fit_texture(ewa, textures, {});
+  fit_texture(ewa, textures, {.reconstruction = 1});
   TextureFitOptions options = gram_fit(GramRightSide::kNormalised);
   options.tolerance = 1e-12;
   const TextureFitReport report = fit_texture(cloud, textures, options);

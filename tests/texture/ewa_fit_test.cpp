@@ -68,7 +68,7 @@ TEST(EwaFit, IsTheDoubleSumOverTheTexelsAtEveryScale) {
     for (const float sigma : {0.0F, 0.01F, 0.04F, 0.15F}) {
       SurfelCloud cloud = flat_surfels(25, sigma, 1.5F);
       TextureSet textures = one_map(image, wrap);
-      fit_texture(cloud, textures, {});
+      fit_texture(cloud, textures, {.reconstruction = 1});
       for (std::size_t k = 0; k < cloud.size(); ++k) {
         TexelKernel kernel;
         kernel.center = Vec2d(cloud.uv[k].x() * 120, (1 - cloud.uv[k].y()) * 80);
@@ -78,6 +78,76 @@ TEST(EwaFit, IsTheDoubleSumOverTheTexelsAtEveryScale) {
         const Vec3f expected = brute_force(image, wrap, kernel).color;
         EXPECT_LT((cloud.coefficient[k] - expected).cwiseAbs().maxCoeff(), 1e-3) << sigma;
       }
+    }
+  }
+}
+
+/// The mean of bilinear lookups under a surfel's Gaussian, by a fine grid of places.
+Vec3f mean_lookup(const Image& image, const Vec2d& center, const Vec2d& deviation) {
+  constexpr int kSteps = 40;
+  Eigen::Array3d sum = Eigen::Array3d::Zero();
+  double total = 0;
+  for (int j = -kSteps; j <= kSteps; ++j) {
+    for (int i = -kSteps; i <= kSteps; ++i) {
+      const Vec2d t(4.0 * i / kSteps, 4.0 * j / kSteps);
+      const Vec2d at = center + deviation.cwiseProduct(t) - Vec2d(0.5, 0.5);
+      const double x = std::floor(at.x());
+      const double y = std::floor(at.y());
+      for (const double v : {y, y + 1}) {
+        for (const double u : {x, x + 1}) {
+          const double weight = std::exp(-t.squaredNorm() / 2) * (1 - std::abs(at.x() - u)) *
+                                (1 - std::abs(at.y() - v));
+          const int column = (static_cast<int>(u) % image.width + image.width) % image.width;
+          const int row = (static_cast<int>(v) % image.height + image.height) % image.height;
+          sum += weight * Eigen::Map<const Eigen::Array3f>(image.pixel(column, row)).cast<double>();
+          total += weight;
+        }
+      }
+    }
+  }
+  return (sum / total).cast<float>().matrix();
+}
+
+TEST(EwaFit, InterpolatesTexelsBilinearlyByDefault) {
+  // From points to kernels of 1.5 texels, narrow along one axis, and wide along both.
+  const Image image = noise_image(12, 8, 3);
+  for (const float sigma : {0.0F, 0.02F, 0.04F, 0.08F, 0.125F}) {
+    SurfelCloud cloud = flat_surfels(40, sigma, 1.0F);
+    TextureSet textures = one_map(image);
+    fit_texture(cloud, textures, {});
+    double square = 0;
+    for (std::size_t k = 0; k < cloud.size(); ++k) {
+      const Vec2d center = texel_position(cloud.uv[k], 12, 8);
+      const Vec3f expected = mean_lookup(image, center, {sigma * 12.0, sigma * 8.0});
+      square += (cloud.coefficient[k] - expected).squaredNorm() / 3;
+    }
+    EXPECT_LT(std::sqrt(square / 40), sigma == 0 ? 1e-6 : 0.015) << sigma;
+  }
+}
+
+TEST(EwaFit, LookupsAtTheBorderOfARepeatedImageFindItsOtherSide) {
+  SurfelCloud cloud = flat_surfels(1, 0);
+  cloud.uv[0] = {0.01F, 0.5F};
+  const Image image = noise_image(8, 8, 3);
+  const Vec3f expected = mean_lookup(image, texel_position(cloud.uv[0], 8, 8), {0, 0});
+  for (const bool whole : {true, false}) {
+    // Half of the image is a chart whose other side another chart has.
+    TriangleMesh mesh;
+    const float right = whole ? 1 : 0.5F;
+    mesh.position = {{0, 0, 0}, {1, 0, 0}, {1, 1, 0}, {0, 1, 0}};
+    mesh.face = {{0, 1, 2}, {0, 2, 3}};
+    mesh.wedge_uv = {{Vec2f(0, 0), Vec2f(right, 0), Vec2f(right, 1)},
+                     {Vec2f(0, 0), Vec2f(right, 1), Vec2f(0, 1)}};
+    TextureSet textures = one_map(image);
+    textures.charts.emplace(mesh);
+    fit_texture(cloud, textures, {});
+    const float error = (cloud.coefficient[0] - expected).norm();
+    if (whole) {
+      EXPECT_LT(error, 1e-6F);
+    } else {
+      const Vec3f inside(image.pixel(0, 4)[0], image.pixel(0, 4)[1], image.pixel(0, 4)[2]);
+      const Vec3f above(image.pixel(0, 3)[0], image.pixel(0, 3)[1], image.pixel(0, 3)[2]);
+      EXPECT_LT((cloud.coefficient[0] - (inside + above) / 2).norm(), 1e-5F);
     }
   }
 }

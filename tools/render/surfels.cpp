@@ -23,12 +23,16 @@ std::vector<std::string> texture_options() {
 }
 
 /// What the files' meshes are textured by; with --mesh the options are that mesh's.
-IntakeOptions intake_options(const Settings& s) {
+/// \param nearest  see IntakeOptions
+IntakeOptions intake_options(const Settings& s, double nearest) {
   if (!s.mesh.empty()) return {};
   return {.image = s.texture.image,
           .wrap = s.texture.wrap,
           .relief = s.normals.maps,
-          .no_relief = s.normals.left_out};
+          .no_relief = s.normals.left_out,
+          .lowpass = s.render.lowpass,
+          .cutoff = s.render.cutoff,
+          .nearest = nearest};
 }
 
 /// Makes surfels of files of any kind.
@@ -41,7 +45,9 @@ Intake::Made take_in(tool::Tool& tool, const Settings& s, const std::vector<Aske
   for (const std::string& image : intake.images()) {
     tool.files().read_also("the mesh's image", image);
   }
-  Intake::Made made = intake.surfels(half_a_pixel(views, intake.bounds()), intake_options(s));
+  const Bounds bounds = intake.bounds();
+  Intake::Made made =
+      intake.surfels(half_a_pixel(views, bounds), intake_options(s, nearest_share(views, bounds)));
   if (s.mesh.empty() && !made.textured) {
     tool::require_valid(
         tool::without_effect(tool.app(), {"--wrap"}, "on meshes that have no image"));

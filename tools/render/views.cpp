@@ -264,9 +264,23 @@ std::vector<View> complete_views(const tool::Tool& tool, const Settings& s,
   return s.path ? along_path(s, views, all) : all;
 }
 
+/// From within a scene its middle, or its surface, may be as near as can be.
+constexpr double kLeastShare = 0.05;
+
+double nearest_share(const std::vector<AskedView>& views, const Bounds& box) {
+  double least = 1;
+  for (const AskedView& view : views) {
+    const Camera camera = camera_of(view, {.box = box});
+    if (box.empty() || camera.orthographic) continue;
+    const Vec3d along = camera.camera_from_world.row(2).transpose();
+    const double middle = along.dot(box.center() - camera.eye);
+    const double half = along.cwiseAbs().dot(box.max - box.min) / 2;
+    least = std::min(least, std::max(kLeastShare, 1 - half / std::max(middle, half)));
+  }
+  return least;
+}
+
 double half_a_pixel(const std::vector<AskedView>& views, const Bounds& box) {
-  // From within a scene its middle may be as near as can be.
-  constexpr double kLeastShare = 0.05;
   if (box.empty()) return 1;
   const double size = (box.max - box.min).norm();
   double least = std::numeric_limits<double>::infinity();

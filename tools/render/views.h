@@ -59,4 +59,8 @@ bool is_pattern(const std::string& name);
 /// least of them.
 double half_a_pixel(const std::vector<AskedView>& views, const Bounds& box);
 
+/// Distance from the eye to the box's nearest corner by that to its middle, the least of all views;
+/// at most 1, and 0.05 from within.
+double nearest_share(const std::vector<AskedView>& views, const Bounds& box);
+
 }  // namespace surfel::render_tool

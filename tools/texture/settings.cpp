@@ -147,7 +147,8 @@ void declare_options(tool::CommandLine& app, Settings& s) {
                    "surfel-render "
                    "makes of them: the sharpest under magnification");
   app.add_option("--reconstruction", s.fit.reconstruction,
-                 "Standard deviation of the texture's reconstruction kernel, texels, 0.25..16");
+                 "Standard deviation of a Gaussian that reconstructs the texture, texels, "
+                 "0.25..16, 1 as published; default: bilinear interpolation of the texels");
   app.add_option("--prefilter", s.fit.prefilter,
                  "With --fit ewa: variance of the kernel that filters the texture, by the "
                  "surfel's own, 1/16..4. 1 is as published; 0.5 is sharper where surfels are less "

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include <fmt/format.h>
+#include <surfel/base/elementary.h>
 #include <surfel/base/error.h>
 #include <surfel/base/shell_quote.h>
 #include <surfel/estimate/estimate.h>
@@ -44,9 +45,17 @@ constexpr double kLargestOfBox = 256;
 /// of others.
 constexpr double kMostEliminatedOfBox = 0.25;
 
-/// TextureFitOptions::prefilter of samples half a pixel apart. Against the mesh's pictures it gains
-/// up to 1.4 dB at a cutoff of 2 over the published 1, and is within 0.3 dB at a cutoff of 1.
-constexpr double kPrefilter = 0.5;
+/// TextureFitOptions::prefilter of samples that are `spacing` pixels apart: kernels of variance V
+/// that end at a cutoff are narrower than the pixel filter h, by which the texture itself is
+/// filtered then so that both together have h^2. Within 0.5, which is sharper where the surfels are
+/// coarse or magnified, and 4.
+double prefilter_for(double spacing, const IntakeOptions& options) {
+  const double lost = portable::exp(-options.cutoff);
+  const double kept = 1 - options.cutoff * lost / (1 - lost);  // Of a kernel's variance.
+  const double filter = portable::squared(options.lowpass);
+  const double own = portable::squared(MeshSampleOptions{}.variance_scale * spacing);
+  return std::clamp((filter - kept * (filter + own)) / own, 0.5, 4.0);
+}
 
 double area_of(const TriangleMesh& mesh) {
   double area = 0;
@@ -149,8 +158,8 @@ std::string part_words(const CloudReadOptions& part) {
 }
 
 /// The options of surfel-texture that ask for the same, each after a blank.
-std::string texture_words(const IntakeOptions& options) {
-  std::string words = fmt::format(" --prefilter={}", kPrefilter);
+std::string texture_words(const IntakeOptions& options, const std::string& prefilter) {
+  std::string words = " --prefilter=" + prefilter;
   const auto add = [&](const std::string& option, const std::string& value) {
     if (!value.empty()) words += fmt::format(" --{}={}", option, shell_quoted(value));
   };
@@ -222,7 +231,7 @@ struct Intake::File {
 
   Bounds bounds() const;
   void sample(double spacing, const IntakeOptions& options, Made& made, ReliefKinds& kinds);
-  bool texture(const IntakeOptions& options, ReliefKinds& kinds);
+  bool texture(const IntakeOptions& options, double prefilter, ReliefKinds& kinds);
   void estimate(double spacing, const CloudReadOptions& part, Made& made);
 };
 
@@ -238,12 +247,12 @@ Bounds Intake::File::bounds() const {
 }
 
 /// Gives surfels of the mesh its images and its relief. False where it has neither.
-bool Intake::File::texture(const IntakeOptions& options, ReliefKinds& kinds) {
+bool Intake::File::texture(const IntakeOptions& options, double prefilter, ReliefKinds& kinds) {
   std::optional<NormalMaps> relief = relief_of(*mesh, options, path);
   if (!options.image.empty() || has_texture(*mesh) || (relief && !mesh->material.empty())) {
     TextureSet textures =
         load_textures({.image = options.image, .wrap = options.wrap, .whole = false}, &*mesh, path);
-    fit_texture(cloud, textures, {.prefilter = kPrefilter}, path);
+    fit_texture(cloud, textures, {.prefilter = prefilter}, path);
     show_coefficients(cloud);
   } else if (!relief) {
     return false;
@@ -298,12 +307,14 @@ void Intake::File::sample(double spacing, const IntakeOptions& options, Made& ma
   made.file = surfels_of(path);
   std::vector<std::string> commands{fmt::format("surfel-from-mesh {} --spacing {} -o {}",
                                                 shell_file(path), digits, shell_file(made.file))};
-  const bool textured = texture(options, kinds);
+  const std::string prefilter = fmt::format(
+      "{:.2g}", prefilter_for(*samples.spacing / spacing / 2 / options.nearest, options));
+  const bool textured = texture(options, number_of(prefilter), kinds);
   made.textured = made.textured || textured;
   if (textured) {
     const std::string surfels = std::exchange(made.file, named_after(path, "-textured.ply"));
     commands.push_back(fmt::format("surfel-texture {} --mesh {}{} -o {}", shell_file(surfels),
-                                   shell_file(path), texture_words(options),
+                                   shell_file(path), texture_words(options, prefilter),
                                    shell_file(made.file)));
   }
   made.done.push_back(fmt::format("{}: a mesh, sampled every {}{}{}{}: {} surfels ({})", path,

@@ -47,6 +47,10 @@ struct IntakeOptions {
   /// `wrap` and `charts` are not heeded: `wrap` above counts, and kernels stay within charts.
   NormalMapOptions relief{};
   bool no_relief = false;  ///< Leave out the materials' normal and bump maps.
+  double lowpass = 1;      ///< RenderOptions::lowpass of the pictures.
+  double cutoff = 1;       ///< RenderOptions::cutoff.
+  /// Distance of what is nearest to the eye by that of places where the spacing is half a pixel.
+  double nearest = 1;
 };
 
 /// Files of any kind, to be made surfels of.

@@ -70,9 +70,10 @@ std::vector<SurfaceProbe> look(const TriangleMesh& mesh, TextureSet* textures, d
   SurfelCloud cloud = sample_mesh(mesh, sampling, nullptr, name);
   const Array<Vec3f>* color = &cloud.color;
   if (textures) {
-    // The reconstruction kernel alone.
+    // The reconstruction kernel alone, a texel wide: where surfels are finer than texels, edges
+    // between texels are no detail that more of them would show.
     std::fill(cloud.variance.begin(), cloud.variance.end(), 0.0f);
-    fit_texture(cloud, *textures, {}, name);
+    fit_texture(cloud, *textures, {.reconstruction = 1}, name);
     color = &cloud.coefficient;
   }
   std::vector<SurfaceProbe> probes(cloud.size());

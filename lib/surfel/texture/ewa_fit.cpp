@@ -41,9 +41,24 @@ struct ChartTask {
   }
 };
 
-/// Variance of the reconstruction kernel alone.
-Mat2d reconstruction_variance(const TextureFitOptions& options) {
-  return options.reconstruction * options.reconstruction * Mat2d::Identity();
+/// The reconstruction kernel alone, about a place.
+TexelKernel reconstruction_at(const Vec2d& center, const TextureFitOptions& options) {
+  const std::optional<double>& deviation = options.reconstruction;
+  return {center, (deviation ? *deviation * *deviation : kBilinearVariance) * Mat2d::Identity(),
+          !deviation};
+}
+
+/// Adds the texels beyond the borders of a chart as wide or as high as its image, which bilinear
+/// lookup repeats from the other side.
+void add_lookups(const TextureMap& map, CoverageRaster& box) {
+  if (box.width >= map.width()) {
+    --box.first_x;
+    box.width += 2;
+  }
+  if (box.height >= map.height()) {
+    --box.first_y;
+    box.height += 2;
+  }
 }
 
 class EwaFit {
@@ -94,22 +109,21 @@ class EwaFit {
 
   int max_level() const { return options_.exact ? 0 : GaussianPyramid::kMaxLevel; }
 
-  Mat2d reconstruction() const { return reconstruction_variance(options_); }
-
   EwaFootprint footprint(std::size_t k) const {
     return ewa_footprint(cloud_, k, map_of(k), options_);
   }
 
   /// The kernels of a surfel's points, which have one shape, and their centres.
   struct PointKernels {
-    Mat2d variance;
-    Vec2d center;                       ///< Centre of the surfel.
+    TexelKernel own;                    ///< About the centre of the surfel.
     Eigen::Matrix<double, 2, 2> along;  ///< Texels a unit along tangent and bitangent.
     std::size_t begin = 0, end = 0;     ///< Range of its points.
     const Quadrature* quadrature = nullptr;
 
     TexelKernel kernel(std::size_t q) const {
-      return {center + along * quadrature->offset[q].cast<double>(), variance};
+      TexelKernel kernel = own;
+      kernel.center += along * quadrature->offset[q].cast<double>();
+      return kernel;
     }
   };
 
@@ -122,15 +136,14 @@ class EwaFit {
     result.quadrature = &points_->quadrature;
     result.begin = points_->quadrature.begin[i];
     result.end = points_->quadrature.begin[i + 1];
-    result.center = map.texel(cloud_.uv[k]);
-    result.variance = reconstruction();
+    result.own = reconstruction_at(map.texel(cloud_.uv[k]), options_);
     result.along.setZero();
     if (const auto L = texels_per_unit(cloud_, k, map.width(), map.height())) {
       const SurfelBasis::Function& f = points_->basis.function[i];
       result.along << *L * f.tangent, *L * f.bitangent;
-      result.variance +=
+      result.own.variance +=
           static_cast<double>(points_->quadrature.variance[i]) * (*L * L->transpose());
-      limit_kernel(result.variance, options_.max_aspect);
+      limit_kernel(result.own.variance, options_.max_aspect);
     }
     return result;
   }
@@ -208,6 +221,7 @@ class EwaFit {
       const double limit =
           std::min(kMaxBox, std::max(kMinBox, kMaxRepetitions * map.width() * map.height()));
       auto box = coverage_box(textures_.charts->triangles(chart), map.width(), map.height(), limit);
+      if (box && map.pyramid().wrap() == WrapMode::kRepeat) add_lookups(map, *box);
       if (box) {
         tasks.push_back({chart, std::move(*box), begin[chart], begin[chart + 1]});
         continue;
@@ -227,7 +241,7 @@ class EwaFit {
         if (!cloud_.uv[k].allFinite()) continue;
         TexelKernel kernel = footprint(k).kernel;
         // Of a surfel that has a chart: the kernel where its own does not reach the chart.
-        if (!unmasked(k)) kernel.variance = reconstruction();
+        if (!unmasked(k)) kernel = reconstruction_at(kernel.center, options_);
         textures_.maps[map_index(k)].request(kernel, max_level());
         if (!unmasked(k)) continue;
         const PointKernels points = point_kernels(k);
@@ -302,7 +316,7 @@ class EwaFit {
       if (!points_ || options_.exact) continue;
       const PointKernels points = point_kernels(order_[i]);
       if (points.begin == points.end) continue;
-      const int level = level_for({points.center, points.variance});
+      const int level = level_for(points.own);
       levels.finest = std::min(levels.finest, level);
       levels.coarsest = std::max(levels.coarsest, level);
     }
@@ -314,7 +328,7 @@ class EwaFit {
         std::optional<TextureSample> sample = texture.sample(kernel, max_level());
         if (!sample) {
           count(k, report_.outside_charts);
-          sample = map.sample({kernel.center, reconstruction()}, max_level());
+          sample = map.sample(reconstruction_at(kernel.center, options_), max_level());
         }
         store(k, *sample);
         const PointKernels points = point_kernels(k);
@@ -342,8 +356,7 @@ class EwaFit {
 EwaFootprint ewa_footprint(const SurfelCloud& cloud, std::size_t surfel, const TextureMap& map,
                            const TextureFitOptions& options) {
   EwaFootprint result;
-  result.kernel.center = map.texel(cloud.uv[surfel]);
-  result.kernel.variance = reconstruction_variance(options);
+  result.kernel = reconstruction_at(map.texel(cloud.uv[surfel]), options);
   if (auto variance = texture_space_variance(cloud, surfel, map.width(), map.height())) {
     result.kernel.variance += options.prefilter * *variance;
     result.widened = limit_kernel(result.kernel.variance, options.max_aspect);

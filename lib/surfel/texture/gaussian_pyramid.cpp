@@ -371,7 +371,56 @@ GaussianPyramid::Box GaussianPyramid::reach(const TexelKernel& kernel) const {
   return {x_begin, x_end, y_begin, y_end};
 }
 
+void GaussianPyramid::add_lookup(const Vec2d& place, double weight, Sum& sum) const {
+  const PyramidLevel& level = image();
+  const Vec2d at(reduced(place.x(), 1, level.x, wrap_) - 0.5,
+                 reduced(place.y(), 1, level.y, wrap_) - 0.5);
+  const int x = floor_to_int(at.x());
+  const int y = floor_to_int(at.y());
+  const int columns[] = {stored_offset(x, level.x, wrap_), stored_offset(x + 1, level.x, wrap_)};
+  const double shares[] = {1 - (at.x() - x), at.x() - x};
+  for (const int down : {0, 1}) {
+    const int row = stored_offset(y + down, level.y, wrap_);
+    const double row_weight = weight * (down == 1 ? at.y() - y : 1 - (at.y() - y));
+    for (const int right : {0, 1}) {
+      if (row < 0 || columns[right] < 0) continue;
+      const double share = row_weight * shares[right];
+      sum.texels += share * level.texel(columns[right], row).cast<double>();
+      sum.kernel += share;
+    }
+  }
+}
+
+/// The mean of lookups at places that have the variance which is left to the Gaussian: of three
+/// along an axis of less than half a texel (Gauss and Hermite's), of more along a longer one.
+GaussianPyramid::Sum GaussianPyramid::interpolate(const TexelKernel& kernel) const {
+  constexpr double kShort = 0.5;
+  const Mat2d& v = kernel.variance;
+  const PrincipalVariances principal = principal_variances(v);
+  const auto deviation = [](double variance) {
+    return std::sqrt(std::max(0.0, variance - kBilinearVariance));
+  };
+  const double major = deviation(principal.major);
+  Vec2d axis = v(0, 0) < v(1, 1) ? Vec2d(v(0, 1), principal.major - v(0, 0))
+                                 : Vec2d(principal.major - v(1, 1), v(0, 1));
+  axis = axis.isZero() ? Vec2d::UnitX() : Vec2d(axis.normalized());
+  const Vec2d across = std::sqrt(3.0) * deviation(principal.minor) * Vec2d(-axis.y(), axis.x());
+  const int count = major <= kShort ? 1 : ceil_to_int(3 * major / kShort);
+  const double step = (major <= kShort ? std::sqrt(3.0) : 3.0 / count) * major;
+  Sum sum;
+  for (int i = -count; i <= count; ++i) {
+    const double t = i * step / major;
+    const double along = count == 1 ? (i == 0 ? 4 : 1) : portable::exp(-t * t / 2);
+    const Vec2d middle = kernel.center + i * step * axis;
+    add_lookup(middle - across, along, sum);
+    add_lookup(middle, 4 * along, sum);
+    add_lookup(middle + across, along, sum);
+  }
+  return sum;
+}
+
 GaussianPyramid::Sum GaussianPyramid::filter(const TexelKernel& kernel, int max_level) const {
+  if (kernel.interpolates()) return interpolate(kernel);
   const int l = std::min(
       {level_for(principal_variances(kernel.variance).minor), max_level, level_count() - 1});
   const PyramidLevel& level = levels_[static_cast<std::size_t>(l)];

@@ -116,7 +116,7 @@ class SURFEL_API GaussianPyramid {
     Eigen::Array<double, 4, 1, Eigen::DontAlign> texels{0, 0, 0, 0};
     double kernel = 0;  ///< Sum of the kernel over the texels that exist.
   };
-  /// Filters the image with a kernel.
+  /// Filters the image with a kernel; where that interpolates() the image's own texels bilinearly.
   /// \param kernel     Centre and variance in texels of level 0.
   /// \param max_level  The coarsest level to use; 0: the image's own texels, whatever it takes. A
   ///                   level that was not built is replaced by the coarsest there is.
@@ -128,12 +128,17 @@ class SURFEL_API GaussianPyramid {
   };
   Box reach(const TexelKernel& kernel) const;
 
+  /// Adds bilinear lookup at a place in texels of level 0, which may lie beyond the borders.
+  void add_lookup(const Vec2d& place, double weight, Sum& sum) const;
+
   const PyramidLevel& image() const { return levels_.front(); }
   const PyramidLevel& level(int l) const { return levels_[static_cast<std::size_t>(l)]; }
   int level_count() const { return static_cast<int>(levels_.size()); }
   WrapMode wrap() const { return wrap_; }
 
  private:
+  Sum interpolate(const TexelKernel& kernel) const;
+
   WrapMode wrap_;
   std::vector<PyramidLevel> levels_;
 };

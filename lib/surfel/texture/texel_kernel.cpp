@@ -47,6 +47,11 @@ std::optional<TexelFrame> texel_frame(const SurfelCloud& cloud, std::size_t surf
 
 }  // namespace
 
+bool TexelKernel::interpolates() const {
+  constexpr double kWidest = 0.25;  // Beside the triangle.
+  return bilinear && principal_variances(variance).minor < kWidest + kBilinearVariance;
+}
+
 PrincipalVariances principal_variances(const Mat2d& variance) {
   const double mean = variance.trace() / 2;
   const double difference = (variance(0, 0) - variance(1, 1)) / 2;
@@ -122,6 +127,7 @@ bool limit_kernel(Mat2d& variance, double max_aspect) {
 
 // sum_i G_M(s - s_i) = sum_m exp(-2 pi^2 m^T M m) cos(2 pi m^T s), texels s_i at integers.
 double lattice_sum(const TexelKernel& kernel) {
+  if (kernel.interpolates()) return 1;
   constexpr double kMostExponent = 20;  // exp(-20) = 2e-9.
   constexpr double kTwoPi2 = 2 * std::numbers::pi * std::numbers::pi;
   const double minor = principal_variances(kernel.variance).minor;

@@ -10,11 +10,20 @@
 
 namespace surfel {
 
+/// Variance, along each axis of an image, of the triangle by which bilinear lookup interpolates.
+inline constexpr double kBilinearVariance = 1.0 / 6;
+
 /// Gaussian over an image. Texel units: x to the right, y down, texel (i, j) has its centre at
 /// (i + 1/2, j + 1/2).
 struct TexelKernel {
   Vec2d center{0, 0};
   Mat2d variance = Mat2d::Identity();  ///< Texel^2, positive definite.
+  /// The kernel averages a bilinear lookup, whose kBilinearVariance is a part of its variance.
+  bool bilinear = false;
+
+  /// Is the kernel so narrow that the triangle of its bilinear lookup is seen? A wider one differs
+  /// from a Gaussian by less than 1 percent of the image's finest waves.
+  bool interpolates() const;
 };
 
 /// Eigenvalues of a symmetric positive semi-definite 2x2 matrix; `minor` does not cancel when the
@@ -67,7 +76,7 @@ SURFEL_API bool limit_kernel(Mat2d& variance, double max_aspect);
 
 /// Sum over the texels of an unbounded image of the kernel, whose integral is 1, by Poisson's
 /// summation formula, to 1e-8. It is 1 where both standard deviations are at least a texel; a
-/// narrower kernel gains on a texel's centre and loses between texels.
+/// narrower kernel gains on a texel's centre and loses between texels, unless it interpolates().
 /// \param kernel  both standard deviations at least 0.25 texels (time grows with 1 / variance).
 SURFEL_API double lattice_sum(const TexelKernel& kernel);
 

@@ -144,8 +144,8 @@ double fit_reach(const TextureFitOptions& options) {
 
 std::vector<std::string> TextureFitOptions::problems() const {
   std::vector<std::string> found;
-  check_option(found, reconstruction >= 0.25 && reconstruction <= 16, "reconstruction",
-               reconstruction, "0.25 to 16 texels");
+  check_option(found, !reconstruction || (*reconstruction >= 0.25 && *reconstruction <= 16),
+               "reconstruction", reconstruction.value_or(0), "0.25 to 16 texels");
   check_option(found, prefilter >= 1.0 / 16 && prefilter <= 4, "prefilter", prefilter,
                "1/16 to 4 times the surfels' variance");
   check_rule(found, prefilter == 1 || kind == TextureFitKind::kEwa,

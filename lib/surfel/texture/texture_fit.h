@@ -59,8 +59,9 @@ struct FittedPart {
 /// How fit_texture() finds coefficients.
 struct SURFEL_API TextureFitOptions {
   TextureFitKind kind = TextureFitKind::kEwa;
-  /// Standard deviation of the texture's reconstruction kernel n, texels, 0.25 to 16. SS01: 1.
-  double reconstruction = 1;
+  /// Standard deviation of the texture's reconstruction kernel n, texels, 0.25 to 16. Unset:
+  /// texels are interpolated bilinearly, as other renderers and MeshRenderer do. SS01: 1.
+  std::optional<double> reconstruction{};
   /// kEwa of a texture: variance of the kernel that the texture is filtered with by the surfel's
   /// own variance V_k, 1/16 to 4. SS01: 1. The renderer, too, filters by V_k. Where surfels are
   /// less than a pixel apart the pixel filter removes what less than that leaves of the texture's

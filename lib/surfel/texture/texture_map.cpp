@@ -198,6 +198,26 @@ PyramidLevel level_on(const CoverageRaster& raster) {
   return {{raster.first_x, raster.width, 1}, {raster.first_y, raster.height, 1}};
 }
 
+/// Covers texels that repeat one of the chart's: where a chart is as wide as the image, the lookup
+/// at its border finds its other side.
+void cover_repeated(int width, int height, CoverageRaster& raster) {
+  if (raster.width <= width && raster.height <= height) return;
+  const Array<float> chart = raster.weight;
+  const auto covered = [&](int x, int y) {
+    return x >= 0 && y >= 0 && x < raster.width && y < raster.height &&
+           chart[static_cast<std::size_t>(y) * raster.width + x] == 1;
+  };
+  for (int y = 0; y < raster.height; ++y) {
+    for (int x = 0; x < raster.width; ++x) {
+      for (const int v : {y - height, y, y + height}) {
+        if (covered(x - width, v) || covered(x, v) || covered(x + width, v)) {
+          raster.weight[static_cast<std::size_t>(y) * raster.width + x] = 1;
+        }
+      }
+    }
+  }
+}
+
 /// A box cut out of the wrapped image, times the coverage.
 PyramidLevel masked(const TextureMap& map, const CoverageRaster& raster) {
   const PyramidLevel& image = map.pyramid().image();
@@ -359,6 +379,9 @@ ChartTexture::ChartTexture(const TextureMap& map, const std::vector<UvCharts::Tr
   CoverageRaster band = box;
   if (levels.finest == 0) {
     rasterize_coverage(triangles, map.width(), map.height(), band);
+    if (map.pyramid().wrap() == WrapMode::kRepeat) {
+      cover_repeated(map.width(), map.height(), band);
+    }
     pyramid_.emplace(masked(map, band), kWrap).build(levels.coarsest);
     if (map.has_alpha()) coverage_.emplace(coverage_level(band), kWrap).build(levels.coarsest);
     return;

@@ -73,7 +73,8 @@ class SURFEL_API TextureMap {
   GaussianPyramid pyramid_;
 };
 
-/// A texture seen through one chart: texels outside of it have no weight, at any level.
+/// A texture seen through one chart: texels outside of it have no weight, at any level, unless they
+/// repeat texels of the chart on level 0.
 class SURFEL_API ChartTexture {
  public:
   /// \param map        The texture, which must outlive this object.

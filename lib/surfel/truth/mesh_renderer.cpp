@@ -42,23 +42,11 @@ T interpolated(const std::array<T, 3>& corner, const Barycentric& b) {
 
 /// The image's texels at a place between their centres; premultiplied.
 Eigen::Array4f bilinear(const TextureMap& map, const Vec2d& texel) {
-  const PyramidLevel& image = map.pyramid().image();
-  const WrapMode wrap = map.pyramid().wrap();
   // Beyond 2^30 texels the uv's single precision tells no texels apart; NaN ends there as well.
   const auto bounded = [](double x) { return std::max(-0x1p30, std::min(0x1p30, x)); };
-  const Vec2d at(bounded(texel.x() - 0.5), bounded(texel.y() - 0.5));
-  const int x = static_cast<int>(std::floor(at.x()));
-  const int y = static_cast<int>(std::floor(at.y()));
-  const auto part_x = static_cast<float>(at.x() - x);
-  const auto part_y = static_cast<float>(at.y() - y);
-  const int left = stored_offset(x, image.x, wrap);
-  const int right = stored_offset(x + 1, image.x, wrap);
-  const auto row = [&](int i) -> Eigen::Array4f {
-    const float* texels = image.row(stored_offset(i, image.y, wrap));
-    return (1 - part_x) * Eigen::Map<const Eigen::Array4f>(texels + 4 * left) +
-           part_x * Eigen::Map<const Eigen::Array4f>(texels + 4 * right);
-  };
-  return (1 - part_y) * row(y) + part_y * row(y + 1);
+  GaussianPyramid::Sum sum;
+  map.pyramid().add_lookup({bounded(texel.x()), bounded(texel.y())}, 1, sum);
+  return sum.texels.cast<float>();
 }
 
 /// Box around the faces, relative to the mesh's origin.
