@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 #include <vector>
@@ -146,6 +147,50 @@ TEST(LensPicture, ShowsTheWorldAlongItsRays) {
     // The pixel filter takes some of the stripes' contrast.
     EXPECT_LT(std::sqrt(sum / (camera.width * camera.height)), 2e-3);
     EXPECT_LT(worst_depth, 0.02);
+  }
+}
+
+/// Meridians, eight light and eight dark ones, that a pinhole's pixels filter by their Gaussian.
+Image pinhole_of_meridians(const Camera& camera) {
+  Image image = rgba_image(camera.width, camera.height);
+  for (int y = 0; y < camera.height; ++y) {
+    for (int x = 0; x < camera.width; ++x) {
+      double sum = 0;
+      double total = 0;
+      for (double dy = -3; dy <= 3; dy += 1) {
+        for (double dx = -3; dx <= 3; dx += 1) {
+          const Vec3d ray((x + 0.5 + dx - camera.center_x) / camera.focal_x,
+                          (y + 0.5 + dy - camera.center_y) / camera.focal_y, 1);
+          const Vec3d d = camera.camera_from_world.transpose() * ray;
+          const double weight = std::exp(-(dx * dx + dy * dy) / 2);
+          sum += weight * std::sin(8 * std::atan2(d.x(), d.z()));
+          total += weight;
+        }
+      }
+      const auto value = static_cast<float>(0.5 + 0.4 * sum / total);
+      std::fill_n(image.pixel(x, y), 3, value);
+      image.pixel(x, y)[3] = 1;
+    }
+  }
+  return image;
+}
+
+TEST(LensPicture, PanoramasAreAsSharpAtTheirPolesAsElsewhere) {
+  Lens around;
+  around.model = Lens::Model::kEquirectangular;
+  Camera camera = wide_camera();
+  camera.width = 96;
+  camera.height = 48;
+  const Image image = draw_through_lens(camera, around, pinhole_of_meridians, {});
+  const double step = 2 * std::numbers::pi / camera.width;
+  const double contrast = 0.4 * std::exp(-std::pow(8 * step, 2) / 2);
+  for (int y = 3; y < camera.height - 3; ++y) {
+    double sum = 0;
+    for (int x = 0; x < camera.width; ++x) {
+      const double expected = 0.5 + contrast * std::sin(8 * (x + 0.5 - 48) * step);
+      sum += std::pow(image.pixel(x, y)[0] - expected, 2);
+    }
+    EXPECT_LT(std::sqrt(sum / camera.width), 0.02) << y;
   }
 }
 

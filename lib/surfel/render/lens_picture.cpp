@@ -23,11 +23,22 @@ constexpr int kFaceMargin = 16;
 /// pixels would be more than four times as fine as needed, and a cube costs less.
 constexpr double kMostSlope = 1.7320508;
 
+/// Pictures of each pole of a panorama: the cube's face, and squares of half its side and so on,
+/// each twice as fine. With more it would be the few rows next to the poles that get sharper.
+constexpr int kPoleLevels = 4;
+/// Pixels of a pole's face by those of the other faces. A row's pixels are as narrow as the slope
+/// from the pole, which is half of a square's side at least where no finer square is; 1.12 pixels
+/// of a face are enough there, as the filter that is left then has its least variance.
+constexpr double kPoleFineness = 2 * 1.12 / kFineness;
+/// Least width of a pixel by its length that faces are fine enough for, but at poles.
+constexpr double kLeastWidth = 0.25;
+
 /// One pinhole: `face_from_camera` turns the lens's axes into its own.
 struct Face {
   Eigen::Matrix3d face_from_camera = Eigen::Matrix3d::Identity();
   Eigen::Vector2d low{0, 0};   ///< Least x / z and y / z that are seen.
   Eigen::Vector2d high{0, 0};  ///< Largest.
+  double fineness = 1;         ///< Pixels by those of other faces.
 };
 
 /// The rays of all pixels; zero where the lens shows nothing.
@@ -77,8 +88,8 @@ bool sees_all(const RayTable& rays, Face& face) {
   return true;
 }
 
-/// The six faces, in the order of cube_face().
-std::vector<Face> cube() {
+/// The six faces, in the order of face_of(), and the squares about the poles of a panorama.
+std::vector<Face> cube(bool panorama) {
   std::vector<Face> faces;
   for (int axis = 0; axis < 3; ++axis) {
     for (const double sign : {1.0, -1.0}) {
@@ -90,16 +101,36 @@ std::vector<Face> cube() {
       face.face_from_camera.row(2) = forward;
       face.low.setConstant(-1);
       face.high.setConstant(1);
+      if (panorama && axis == 1) face.fineness = kPoleFineness;
+      faces.push_back(face);
+    }
+  }
+  for (int level = 1; panorama && level < kPoleLevels; ++level) {
+    for (const std::size_t pole : {2, 3}) {
+      Face face = faces[pole];
+      face.low = std::ldexp(1, -level) * face.low;
+      face.high = -face.low;
+      face.fineness *= std::ldexp(1, level);
       faces.push_back(face);
     }
   }
   return faces;
 }
 
-std::size_t cube_face(const Vec3d& ray) {
+/// The one of `count` faces that shows a ray.
+std::size_t face_of(const Vec3d& ray, std::size_t count) {
+  if (count == 1) return 0;
   Eigen::Index axis = 0;
-  ray.cwiseAbs().maxCoeff(&axis);
-  return static_cast<std::size_t>(2 * axis) + (ray[axis] < 0 ? 1U : 0U);
+  double along = ray.cwiseAbs().maxCoeff(&axis);
+  const std::size_t side = ray[axis] < 0 ? 1 : 0;
+  std::size_t face = 2 * static_cast<std::size_t>(axis) + side;
+  if (axis != 1) return face;
+  const double across = std::max(std::abs(ray.x()), std::abs(ray.z()));
+  for (std::size_t next = 6; next < count && 2 * across <= along; next += 2) {
+    face = next + side;
+    along /= 2;
+  }
+  return face;
 }
 
 /// Derivative of x / z, y / z on a face by the places of the result's pixels; nullopt where a pixel
@@ -124,11 +155,13 @@ std::optional<Eigen::Matrix2d> derivative(const RayTable& rays, const Face& face
   return result;
 }
 
-/// Larger singular value of J.
-double stretch(const Eigen::Matrix2d& j) {
+/// The singular value of J that a face's fineness is chosen by: the smaller one, but of panoramas,
+/// whose poles have faces of their own, the larger one.
+double stretch(const Eigen::Matrix2d& j, bool panorama) {
   const double sum = j.squaredNorm();
-  const double d = j.determinant();
-  return std::sqrt((sum + std::sqrt(std::max(0.0, sum * sum - 4 * d * d))) / 2);
+  const double d = std::abs(j.determinant());
+  const double most = std::sqrt((sum + std::sqrt(std::max(0.0, sum * sum - 4 * d * d))) / 2);
+  return panorama || most == 0 ? most : std::max(d / most, kLeastWidth * most);
 }
 
 /// A picture with the pinhole camera that it was drawn by, and the Gaussian sums over it.
@@ -236,9 +269,11 @@ class FacePicture {
   std::vector<bool> depths_;  ///< Which of the channels after R G B A are depths.
 };
 
-/// The camera of a face with so many pixels along a slope of 1.
-Camera camera_of_face(const Camera& camera, const Face& face, double focal) {
+/// The camera of a face.
+/// \param of_others  pixels along a slope of 1 where the face's fineness is 1
+Camera camera_of_face(const Camera& camera, const Face& face, double of_others) {
   Camera result = camera;
+  const double focal = of_others * face.fineness;
   const auto pixels = [&](double slope) { return static_cast<int>(std::ceil(slope * focal)); };
   const int left = pixels(-face.low.x()) + kFaceMargin;
   const int top = pixels(-face.low.y()) + kFaceMargin;
@@ -260,9 +295,9 @@ double focal_of_faces(const RayTable& rays, const std::vector<Face>& faces) {
     for (int x = 0; x < rays.width(); ++x) {
       const Vec3d ray = rays.at(x, static_cast<int>(row));
       if (ray.isZero()) continue;
-      const Face& face = faces[faces.size() == 1 ? 0 : cube_face(ray)];
+      const Face& face = faces[face_of(ray, faces.size())];
       const auto j = derivative(rays, face, x, static_cast<int>(row));
-      if (j) least[row] = std::min(least[row], stretch(*j));
+      if (j) least[row] = std::min(least[row], stretch(*j, faces.size() > 6));
     }
   });
   const double smallest = *std::min_element(least.begin(), least.end());
@@ -271,7 +306,7 @@ double focal_of_faces(const RayTable& rays, const std::vector<Face>& faces) {
 
 void require_few_pixels(const std::vector<Face>& faces, const Camera& camera, double focal) {
   for (const Face& face : faces) {
-    const Camera pinhole = camera_of_face(camera, face, std::min(focal, 1e6));
+    const Camera pinhole = camera_of_face(camera, face, std::min(focal, 1e5));
     if (pinhole.problems().empty()) continue;
     throw_usage(
         "the lens bends lines so much that its picture would be made from one of too many pixels; "
@@ -292,14 +327,14 @@ Image draw_through_lens(const Camera& camera, const Lens& lens,
   const RayTable rays(camera, lens);
   const bool distances = lens.model == Lens::Model::kEquirectangular;
   std::vector<Face> faces(1);
-  if (distances || !sees_all(rays, faces[0])) faces = cube();
+  if (distances || !sees_all(rays, faces[0])) faces = cube(distances);
   const double focal = focal_of_faces(rays, faces);
   require_few_pixels(faces, camera, focal);
 
   Image result;
   for (std::size_t i = 0; i < faces.size(); ++i) {
     const auto is_here = [&](const Vec3d& ray) {
-      return !ray.isZero() && (faces.size() == 1 || cube_face(ray) == i);
+      return !ray.isZero() && face_of(ray, faces.size()) == i;
     };
     bool seen = faces.size() == 1;
     for (int y = 0; y < rays.height() && !seen; ++y) {
