@@ -156,9 +156,9 @@ make_ss01_1() {
     "The textured head of the samples, $(of 400000) points from its mesh and image, whole and near by; a terrain of $(of 1000000) points with a
     checkerboard down to its horizon; shells and panes through one another, $(of 500000) points."
   run "surfel-from-mesh samples/head.obj --count $(of 400000) -o head.ply"
-  run "surfel-texture head.ply --mesh samples/head.obj -o head-t.ply"
+  run "surfel-texture head.ply --mesh samples/head.obj --reconstruction 1 -o head-t.ply"
   run "surfel-generate terrain --count $(of 1000000) -o terrain.ply"
-  run "surfel-texture terrain.ply --image checker:60 -o terrain-t.ply"
+  run "surfel-texture terrain.ply --image checker:60 --reconstruction 1 -o terrain-t.ply"
   run "surfel-generate transparent --count $(of 500000) -o shells.ply"
   local size="--size 420x420 --cutoff 2"
   run "surfel-render head-t.ply $size --from 0,0.36,1 --background 1,1,1,1 -o 1-head.png"
@@ -185,11 +185,11 @@ make_ss01_6() {
   run "surfel-generate plane --count $(of 160000) --variance-scale 0.7 --mesh plane.obj --resolution 4 -o plane.ply"
   run "surfel-generate checker --frequency 80 --size 2560x2560 -o black.png"
   run "oiiotool black.png --mulc 0.62,0.55,0.42,1 --addc 0.28,0.31,0.36,0 -o checker.png"
-  run "surfel-texture plane.ply --image checker.png --fit gram -o gram.ply"
-  run "surfel-texture plane.ply --image checker.png --fit ewa -o ewa.ply"
-  run "surfel-texture plane.ply --image checker.png --fit render --cutoff 4 -o render.ply"
+  run "surfel-texture plane.ply --image checker.png --fit gram --reconstruction 1 -o gram.ply"
+  run "surfel-texture plane.ply --image checker.png --fit ewa --reconstruction 1 -o ewa.ply"
+  run "surfel-texture plane.ply --image checker.png --fit render --cutoff 4 --reconstruction 1 -o render.ply"
   run "surfel-generate plane --count $(of 160000) --variance-scale 0.12 -o dots.ply"
-  run "surfel-texture dots.ply --image checker.png -o points.ply"
+  run "surfel-texture dots.ply --image checker.png --reconstruction 1 -o points.ply"
   local size="--shading none --size 200x200"
   local extreme="--eye 0.05,0.05,3 --target 0.05,0.05,0 --ortho 0.0325" view options fit
   while read -r view options; do
@@ -242,7 +242,7 @@ make_ss01_8() {
     "A checkerboard on $(of 40000) points of a regular grid, c = 2. Numbers are the PSNR against the last picture, for which the points were ray
     cast with 64 rays a pixel."
   run "surfel-generate plane --jitter 0 --count $(of 40000) -o grid.ply"
-  run "surfel-texture grid.ply --image checker:50 --fit render --cutoff 2 -o grid-t.ply"
+  run "surfel-texture grid.ply --image checker:50 --fit render --cutoff 2 --reconstruction 1 -o grid-t.ply"
   local view="--eye 0,-1.05,0.2 --target 0,-0.62,0 --up 0,0,1 --fov 45 --size 320x240 --cutoff 2 --shading none $white" filter
   local -A name=([ewa]="screen space EWA" [ewa-source]="source space EWA" [circular]="circular splats" [none]="elliptical splats, no filter")
   run "surfel-render grid-t.ply --reference --samples 8 $view -o cast.png"

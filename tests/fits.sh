@@ -41,7 +41,7 @@ figure() {
   oiiotool "$work/black.png" --mulc 0.62,0.55,0.42,1 --addc 0.28,0.31,0.36,0 -o "$work/checker.png"
   for fit in "${fits[@]}"; do
     # shellcheck disable=SC2046 # Words of options.
-    "$tools/surfel-texture" "$work/plane.ply" --image "$work/checker.png" $(fit_options "$fit" "$cutoff") \
+    "$tools/surfel-texture" "$work/plane.ply" --image "$work/checker.png" --reconstruction 1 $(fit_options "$fit" "$cutoff") \
       -o "$work/$fit.ply" --quiet
   done
   local tiles=()

@@ -242,6 +242,9 @@ TEST(SceneFile, ReadsASky) {
   EXPECT_EQ(scene.sky->up, Vec3d(0, 0, 2));
   EXPECT_EQ(scene.sky->color, Vec3f(0.3F, 0.4F, 0.5F));
   EXPECT_EQ(scene.sky->ground, Vec3f(0.1F, 0, 0));
+  EXPECT_TRUE(scene.lights.empty());
+  EXPECT_EQ(read_scene(written(folder, "[sky]\n[[light]]\ntype = \"headlight\"\n")).lights.size(),
+            1U);
   EXPECT_FALSE(read_scene(written(folder, "")).sky);
   EXPECT_FALSE(read_scene(written(folder, "[sky]\ncolor = [1, 1, 1]\n")).sky->up);
   for (const char* wrong : {"up = [0, 0, 0]", "up = [nan, 0, 1]", "color = [-1, 0, 0]",

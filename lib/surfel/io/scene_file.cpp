@@ -111,7 +111,7 @@ Scene read_scene(const InputFile& file) {
     scene.environment = read_environment(*table, file.name());
   }
   const std::vector<TomlTable> lights = toml.tables("light");
-  if (!lights.empty()) scene.lights.clear();
+  if (!lights.empty() || scene.sky) scene.lights.clear();
   for (const TomlTable& table : lights) scene.lights.push_back(read_light(table));
   const std::vector<TomlTable> materials = toml.tables("material");
   if (!materials.empty()) scene.materials.clear();
