@@ -61,6 +61,14 @@ void add_lookups(const TextureMap& map, CoverageRaster& box) {
   }
 }
 
+/// Least squares from few points take detail that is finer than a surfel of this variance for
+/// noise: texels are reconstructed as softly as the surfel is wide, up to the published texel.
+void soften(Mat2d& variance, const Mat2d& of_surfel, const TextureFitOptions& options) {
+  if (options.reconstruction || options.kind == TextureFitKind::kEwa) return;
+  const double wide = std::min(1.0, principal_variances(of_surfel).minor);
+  variance.diagonal().array() += std::max(0.0, wide - kBilinearVariance);
+}
+
 class EwaFit {
  public:
   EwaFit(SurfelCloud& cloud, TextureSet& textures, const TextureFitOptions& options,
@@ -143,6 +151,9 @@ class EwaFit {
       result.along << *L * f.tangent, *L * f.bitangent;
       result.own.variance +=
           static_cast<double>(points_->quadrature.variance[i]) * (*L * L->transpose());
+      if (const auto own = texture_space_variance(cloud_, k, map.width(), map.height())) {
+        soften(result.own.variance, *own, options_);
+      }
       limit_kernel(result.own.variance, options_.max_aspect);
     }
     return result;
@@ -359,6 +370,7 @@ EwaFootprint ewa_footprint(const SurfelCloud& cloud, std::size_t surfel, const T
   result.kernel = reconstruction_at(map.texel(cloud.uv[surfel]), options);
   if (auto variance = texture_space_variance(cloud, surfel, map.width(), map.height())) {
     result.kernel.variance += options.prefilter * *variance;
+    soften(result.kernel.variance, *variance, options);
     result.widened = limit_kernel(result.kernel.variance, options.max_aspect);
   } else {
     result.point = true;

@@ -60,7 +60,8 @@ struct FittedPart {
 struct SURFEL_API TextureFitOptions {
   TextureFitKind kind = TextureFitKind::kEwa;
   /// Standard deviation of the texture's reconstruction kernel n, texels, 0.25 to 16. Unset:
-  /// texels are interpolated bilinearly, as other renderers and MeshRenderer do. SS01: 1.
+  /// texels are interpolated bilinearly, as other renderers and MeshRenderer do; kGram and kRender
+  /// soften them up to 1 where surfels are wider than texels. SS01: 1.
   std::optional<double> reconstruction{};
   /// kEwa of a texture: variance of the kernel that the texture is filtered with by the surfel's
   /// own variance V_k, 1/16 to 4. SS01: 1. The renderer, too, filters by V_k. Where surfels are
