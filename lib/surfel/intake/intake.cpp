@@ -51,7 +51,8 @@ constexpr double kMostEliminatedOfBox = 0.25;
 /// coarse or magnified, and 4.
 double prefilter_for(double spacing, const IntakeOptions& options) {
   const double lost = portable::exp(-options.cutoff);
-  const double kept = 1 - options.cutoff * lost / (1 - lost);  // Of a kernel's variance.
+  // The share of a kernel's variance that lies within the cutoff.
+  const double kept = 1 - options.cutoff * lost / (1 - lost);
   const double filter = portable::squared(options.lowpass);
   const double own = portable::squared(MeshSampleOptions{}.variance_scale * spacing);
   return std::clamp((filter - kept * (filter + own)) / own, 0.5, 4.0);

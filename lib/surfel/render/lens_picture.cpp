@@ -17,8 +17,10 @@ namespace {
 
 /// Least pixels of a pinhole's picture along the side of a pixel of the result.
 constexpr double kFineness = 1.25;
-/// Pixels of a face beyond a cube's edge, for filters that reach over it.
+/// Least number of pixels of a face beyond its edge, for filters that reach over it.
 constexpr int kFaceMargin = 16;
+/// Standard deviations; the filter beyond them is 1 percent of the sum.
+constexpr double kFilterReach = 3;
 /// Slope of the sides of the widest single pinhole, 60 degrees from its axis. Beyond, its outer
 /// pixels would be more than four times as fine as needed, and a cube costs less.
 constexpr double kMostSlope = 1.7320508;
@@ -26,9 +28,10 @@ constexpr double kMostSlope = 1.7320508;
 /// Pictures of each pole of a panorama: the cube's face, and squares of half its side and so on,
 /// each twice as fine. With more it would be the few rows next to the poles that get sharper.
 constexpr int kPoleLevels = 4;
-/// Pixels of a pole's face by those of the other faces. A row's pixels are as narrow as the slope
-/// from the pole, which is half of a square's side at least where no finer square is; 1.12 pixels
-/// of a face are enough there, as the filter that is left then has its least variance.
+/// How many pixels the face of a pole has along a slope on which other faces have one. A row's
+/// pixels are as narrow as the slope from the pole, which is half of a square's side at least where
+/// no finer square is; 1.12 pixels of a face are enough there, as the filter that is left then has
+/// its least variance.
 constexpr double kPoleFineness = 2 * 1.12 / kFineness;
 /// Least width of a pixel by its length that faces are fine enough for, but at poles.
 constexpr double kLeastWidth = 0.25;
@@ -38,7 +41,7 @@ struct Face {
   Eigen::Matrix3d face_from_camera = Eigen::Matrix3d::Identity();
   Eigen::Vector2d low{0, 0};   ///< Least x / z and y / z that are seen.
   Eigen::Vector2d high{0, 0};  ///< Largest.
-  double fineness = 1;         ///< Pixels by those of other faces.
+  double fineness = 1;         ///< Pixels along a slope on which other faces have one.
 };
 
 /// The rays of all pixels; zero where the lens shows nothing.
@@ -219,8 +222,6 @@ class FacePicture {
   }
 
   void add_colors(const Eigen::Vector2d& center, const Eigen::Matrix2d& variance, float* to) const {
-    // Standard deviations; the filter beyond them is 1 percent of the sum.
-    constexpr double kFilterReach = 3;
     const Eigen::Matrix2d inverse = variance.inverse();
     const int first_x = first(center.x(), kFilterReach * std::sqrt(variance(0, 0)), image_.width);
     const int first_y = first(center.y(), kFilterReach * std::sqrt(variance(1, 1)), image_.height);
@@ -271,14 +272,20 @@ class FacePicture {
 
 /// The camera of a face.
 /// \param of_others  pixels along a slope of 1 where the face's fineness is 1
-Camera camera_of_face(const Camera& camera, const Face& face, double of_others) {
+/// \param lowpass    LensPictureOptions::lowpass
+Camera camera_of_face(const Camera& camera, const Face& face, double of_others, double lowpass) {
   Camera result = camera;
   const double focal = of_others * face.fineness;
+  // Pixels of the result are as long on all faces, however narrow they are, and longer where their
+  // slope is not 0.
+  constexpr double kLonger = 1.5;
+  const double reach = kFilterReach * lowpass * kLonger * kFineness * face.fineness;
+  const int margin = std::max(kFaceMargin, static_cast<int>(std::ceil(reach)));
   const auto pixels = [&](double slope) { return static_cast<int>(std::ceil(slope * focal)); };
-  const int left = pixels(-face.low.x()) + kFaceMargin;
-  const int top = pixels(-face.low.y()) + kFaceMargin;
-  result.width = left + pixels(face.high.x()) + kFaceMargin;
-  result.height = top + pixels(face.high.y()) + kFaceMargin;
+  const int left = pixels(-face.low.x()) + margin;
+  const int top = pixels(-face.low.y()) + margin;
+  result.width = left + pixels(face.high.x()) + margin;
+  result.height = top + pixels(face.high.y()) + margin;
   result.center_x = left;
   result.center_y = top;
   result.focal_x = focal;
@@ -304,9 +311,10 @@ double focal_of_faces(const RayTable& rays, const std::vector<Face>& faces) {
   return smallest > 0 && std::isfinite(smallest) ? kFineness / smallest : 1;
 }
 
-void require_few_pixels(const std::vector<Face>& faces, const Camera& camera, double focal) {
+void require_few_pixels(const std::vector<Face>& faces, const Camera& camera, double focal,
+                        double lowpass) {
   for (const Face& face : faces) {
-    const Camera pinhole = camera_of_face(camera, face, std::min(focal, 1e5));
+    const Camera pinhole = camera_of_face(camera, face, std::min(focal, 1e5), lowpass);
     if (pinhole.problems().empty()) continue;
     throw_usage(
         "the lens bends lines so much that its picture would be made from one of too many pixels; "
@@ -329,7 +337,7 @@ Image draw_through_lens(const Camera& camera, const Lens& lens,
   std::vector<Face> faces(1);
   if (distances || !sees_all(rays, faces[0])) faces = cube(distances);
   const double focal = focal_of_faces(rays, faces);
-  require_few_pixels(faces, camera, focal);
+  require_few_pixels(faces, camera, focal, options.lowpass);
 
   Image result;
   for (std::size_t i = 0; i < faces.size(); ++i) {
@@ -341,7 +349,7 @@ Image draw_through_lens(const Camera& camera, const Lens& lens,
       for (int x = 0; x < rays.width() && !seen; ++x) seen = is_here(rays.at(x, y));
     }
     if (!seen) continue;
-    const Camera pinhole = camera_of_face(camera, faces[i], focal);
+    const Camera pinhole = camera_of_face(camera, faces[i], focal, options.lowpass);
     const FacePicture picture(pinhole, faces[i], draw(pinhole), options.lowpass, distances);
     if (result.data.empty()) result = picture.blank(camera, options.background);
     parallel_each(static_cast<std::size_t>(camera.height), 1, [&](std::size_t row) {
