@@ -150,8 +150,8 @@ TEST(LensPicture, ShowsTheWorldAlongItsRays) {
   }
 }
 
-/// Meridians, eight light and eight dark ones, that a pinhole's pixels filter by their Gaussian.
-Image pinhole_of_meridians(const Camera& camera) {
+/// What a pinhole's pixels see of values by direction, -1 to 1, through their Gaussian.
+Image filtered_pinhole(const Camera& camera, double (*value_of)(const Vec3d&)) {
   Image image = rgba_image(camera.width, camera.height);
   for (int y = 0; y < camera.height; ++y) {
     for (int x = 0; x < camera.width; ++x) {
@@ -163,7 +163,7 @@ Image pinhole_of_meridians(const Camera& camera) {
                           (y + 0.5 + dy - camera.center_y) / camera.focal_y, 1);
           const Vec3d d = camera.camera_from_world.transpose() * ray;
           const double weight = std::exp(-(dx * dx + dy * dy) / 2);
-          sum += weight * std::sin(8 * std::atan2(d.x(), d.z()));
+          sum += weight * value_of(d);
           total += weight;
         }
       }
@@ -175,13 +175,40 @@ Image pinhole_of_meridians(const Camera& camera) {
   return image;
 }
 
+/// Meridians, eight light and eight dark ones.
+double meridians(const Vec3d& d) { return std::sin(8 * std::atan2(d.x(), d.z())); }
+
+/// A light cap about each pole, which ends beside a square about it that is drawn more finely.
+constexpr double kCap = 0.13;
+double caps(const Vec3d& d) { return std::hypot(d.x(), d.z()) < kCap * std::abs(d.y()) ? 1 : -1; }
+
+TEST(LensPicture, EdgesNearThePolesOfPanoramasAreAsSoftAsElsewhere) {
+  Lens around;
+  around.model = Lens::Model::kEquirectangular;
+  Camera camera = wide_camera();
+  camera.width = 192;
+  camera.height = 96;
+  const Image image = draw_through_lens(
+      camera, around, [](const Camera& pinhole) { return filtered_pinhole(pinhole, caps); }, {});
+  const double step = std::numbers::pi / camera.height;
+  for (int y = 2; y < 10; ++y) {
+    const double rows = std::atan(kCap) / step - (y + 0.5);
+    const double expected = 0.5 + 0.4 * std::erf(rows / std::numbers::sqrt2);
+    for (int x = 0; x < camera.width; ++x) {
+      EXPECT_NEAR(image.pixel(x, y)[0], expected, 0.04) << x << ' ' << y;
+    }
+  }
+}
+
 TEST(LensPicture, PanoramasAreAsSharpAtTheirPolesAsElsewhere) {
   Lens around;
   around.model = Lens::Model::kEquirectangular;
   Camera camera = wide_camera();
   camera.width = 96;
   camera.height = 48;
-  const Image image = draw_through_lens(camera, around, pinhole_of_meridians, {});
+  const Image image = draw_through_lens(
+      camera, around, [](const Camera& pinhole) { return filtered_pinhole(pinhole, meridians); },
+      {});
   const double step = 2 * std::numbers::pi / camera.width;
   const double contrast = 0.4 * std::exp(-std::pow(8 * step, 2) / 2);
   for (int y = 3; y < camera.height - 3; ++y) {
