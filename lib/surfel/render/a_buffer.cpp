@@ -25,7 +25,9 @@ namespace {
   for (int c = kCutAway; c < kFragmentChannels; ++c) {
     fragment.channel[c] = tile.layout.clips ? from[c * kPatchPixels] : 0.0F;
   }
+  fragment.slope = 0;
   if (tile.layout.opaque && fragment.channel[kWeight] > 0) {
+    if (tile.layout.planes) fragment.slope = std::bit_cast<std::uint32_t>(fragment.channel[kSlope]);
     fragment.channel[kAlpha] = fragment.channel[kWeight];
   }
 }
@@ -88,16 +90,22 @@ bool may_be_far_side(const TileABuffer& tile, int count, const Fragment& fragmen
          !shows_front(fragment.channel[kTag]);
 }
 
-/// Is the opacity at the edge of a pixel's last fragment set by EdgeCoverage whatever it is now?
-/// Where lines cut the surface they tell more about its edge.
-bool edge_comes_later(const TileABuffer& tile, bool last, const Fragment& fragment) {
-  return tile.edges_later && last && !(tile.layout.clips && fragment.channel[kCutPartial] > 0);
+/// Whether a fragment's surface may end near its pixel, so that the pixels around have to be looked
+/// at. Of a pixel's last fragment EdgeCoverage sets the opacity, if it does so at all, whatever it
+/// is now, unless lines cut the surface, which tell more about its edge; and its sum tells that it
+/// goes on.
+bool may_be_at_edge(const TileABuffer& tile, bool last, const Fragment& fragment) {
+  const float* const c = fragment.channel;
+  if (!tile.edge_filter || is_merged(fragment) || !is_filtered(c[kTag])) return false;
+  if (!last && tile.layout.opaque) return true;
+  const bool later = tile.edges_later && !(tile.layout.clips && c[kCutPartial] > 0);
+  return !(last && later) && c[kWeight] < tile.inside_weight;
 }
 
-/// Does a fragment hide what lies behind it, at an edge, too?
-bool hides(const TileABuffer& tile, const Fragment& fragment) {
-  return tile.layout.opaque && fragment.channel[kWeight] >= tile.edge_weight &&
-         shows_front(fragment.channel[kTag]);
+/// Does a fragment hide what lies behind it?
+bool hides(const TileABuffer& tile, const SeenFragment& seen) {
+  constexpr float kHides = 0.9F;
+  return tile.layout.opaque && seen.coverage >= kHides && shows_front(seen.fragment->channel[kTag]);
 }
 
 /// Is a back-facing fragment the far side of a body, at whose silhouette it reaches beyond the near
@@ -108,6 +116,32 @@ bool is_far_side(const TileABuffer& tile, const Fragment& back, const EdgeNeighb
   const float depth = front_depth(back);
   return around.leading < kWhole * tile.edge_weight &&
          around.nearest_front >= depth - kRimDepth * std::abs(depth);
+}
+
+/// Is a fragment a whole surface whose depths around its pixel its DepthSlope tells?
+bool is_plane(const TileABuffer& tile, const Fragment& fragment) {
+  const float* const c = fragment.channel;
+  return tile.layout.planes && !is_merged(fragment) && is_even(c[kTag]) && is_filtered(c[kTag]) &&
+         c[kWeight] >= kWholeSurface * tile.mean_weight;
+}
+
+/// What parts the surfaces of two fragments of a side, of which the first is nearer.
+/// \param middle  the depth between the surfaces.
+DepthBorder border_between(const TileABuffer& tile, const Fragment& near, const Fragment& far,
+                           float middle) {
+  const DepthSlope a = DepthSlope::unpack(near.slope);
+  const DepthSlope b = DepthSlope::unpack(far.slope);
+  if (is_plane(tile, near) && is_plane(tile, far)) {
+    return {{middle, {(a.x + b.x) / 2, (a.y + b.y) / 2}},
+            {front_depth(near) - front_depth(far), {a.x - b.x, a.y - b.y}}};
+  }
+  constexpr float kInfinity = std::numeric_limits<float>::infinity();
+  // What slopes have in common tells surfaces beside each other apart, where planes say too much of
+  // curved ones.
+  const auto common = [](float s, float t) {
+    return s * t > 0 ? std::copysign(std::min(std::abs(s), std::abs(t)), s) : 0.0F;
+  };
+  return {{middle, {common(a.x, b.x), common(a.y, b.y)}}, {kInfinity, {}}};
 }
 
 /// Finds the surfaces that a pixel's fragments, nearest first, are parts of: fragments of one side
@@ -127,12 +161,12 @@ class PixelSurfaces {
                            surfaces_[before].sum + weight < kSeveralSurfaces * tile.mean_weight &&
                            surfaces_[before].last - depth <= slab_depth(at(before), fragment);
       if (!goes_on) {
-        surfaces_[i] = {depth, 0, -kInfinity, kInfinity};
+        surfaces_[i] = {
+            depth, 0, {{-kInfinity, {}}, {kInfinity, {}}}, {{kInfinity, {}}, {kInfinity, {}}}};
         if (before >= 0) {
-          // Around the pixel a fragment belongs to the surface next to it in depth.
           const float between = (surfaces_[before].last + depth) / 2;
-          surfaces_[before].farthest = between;
-          surfaces_[i].nearest = between;
+          surfaces_[i].nearest = border_between(tile, at(before), fragment, between);
+          surfaces_[before].farthest = surfaces_[i].nearest;
         }
         before = i;
       }
@@ -160,13 +194,28 @@ class PixelSurfaces {
   struct Surface {
     float last;  ///< Depth of its last fragment.
     float sum;   ///< Of rho.
-    float farthest, nearest;
+    DepthBorder farthest, nearest;
   };
 
   const At& at_;
   std::array<Surface, kMostLayers> surfaces_;
   std::array<int, kMostLayers> of_;
 };
+
+/// Leaves a surface the part of its pixel in which it is nearer than the next one, where their
+/// planes cross: what the pixel filter has on its side of the line.
+void cross(const TileABuffer& tile, SeenFragment& seen, const Fragment& next) {
+  const Fragment& fragment = *seen.fragment;
+  if (!tile.edge_filter || !is_plane(tile, fragment) || !is_plane(tile, next)) return;
+  const DepthSlope a = DepthSlope::unpack(fragment.slope);
+  const DepthSlope b = DepthSlope::unpack(next.slope);
+  const float gap = front_depth(fragment) - front_depth(next);
+  const float slope = std::hypot(a.x - b.x, a.y - b.y);
+  constexpr float kFar = 4;  // Pixels.
+  if (!(gap < kFar * slope)) return;
+  seen.coverage *= tile.edge_filter->half_plane(gap / slope);
+  seen.full_weight = fragment.channel[kWeight] / seen.coverage;
+}
 
 /// What is seen of a pixel's fragments, nearest first.
 /// \param at       The fragment of a number.
@@ -183,14 +232,13 @@ std::span<SeenFragment> look_at(const TileABuffer& tile, int count, const At& at
   bool hidden = false;
   for (int i = 0; i < count; ++i) {
     const Fragment& fragment = at(i);
-    const bool may_end = !hidden && !edge_comes_later(tile, i + 1 == count, fragment) &&
-                         may_be_at_edge(tile, fragment);
-    const bool may_be_far = !hidden && may_be_far_side(tile, count, fragment);
-    hidden = hidden || hides(tile, fragment);
+    const bool may_end = !hidden && may_be_at_edge(tile, i + 1 == count, fragment);
+    const bool may_be_far = may_be_far_side(tile, count, fragment);
     const bool far_side = may_be_far && is_far_side(tile, fragment, look(fragment));
     if (!may_end) {
       const bool ends = far_side && is_filtered(fragment.channel[kTag]);
       seen[i] = seen_at(tile, fragment, ends ? 1.0F : 0.0F, far_side);
+      hidden = hidden || hides(tile, seen[i]);
       continue;
     }
     if (!surfaces) surfaces.emplace(tile, count, at);
@@ -204,7 +252,10 @@ std::span<SeenFragment> look_at(const TileABuffer& tile, int count, const At& at
     const float degree = far_side ? 1 : edge.degree;
     seen[i] = seen_at(tile, fragment, degree, far_side);
     const bool cut = tile.layout.clips && fragment.channel[kCutPartial] > 0;
-    if (cut || edge.degree == 0) continue;
+    if (cut || edge.degree == 0) {
+      hidden = hidden || hides(tile, seen[i]);
+      continue;
+    }
     // Fragments of one surface share what it covers.
     const float part = edge.coverage * surfaces->share(i);
     const float coverage = open[surface] > 0 ? std::min(1.0F, part / open[surface]) : 1;
@@ -212,7 +263,9 @@ std::span<SeenFragment> look_at(const TileABuffer& tile, int count, const At& at
     const float inside = tile.coverage(fragment, 0);
     seen[i].coverage = std::max(kLeastCoverage, inside + degree * (coverage - inside));
     seen[i].full_weight = fragment.channel[kWeight] / seen[i].coverage;
+    hidden = hidden || hides(tile, seen[i]);
   }
+  for (int i = 0; i + 1 < count; ++i) cross(tile, seen[i], at(i + 1));
   return std::span(seen).first(static_cast<std::size_t>(count));
 }
 
@@ -593,12 +646,16 @@ struct Sorted {
 
 void store(TileABuffer& tile, int layer, int pixel, const Fragment& fragment) {
   for (int c = 0; c < tile.layout.channels(); ++c) tile.at(layer, c, pixel) = fragment.channel[c];
+  if (tile.layout.planes && !is_merged(fragment)) {
+    tile.at(layer, kSlope, pixel) = std::bit_cast<float>(fragment.slope);
+  }
 }
 
 /// Adds the sums of a fragment to those in a layer, which keeps its tag.
 void add_to_layer(TileABuffer& tile, int layer, int pixel, const Fragment& more) {
   for (int c = 0; c < tile.layout.channels(); ++c) {
-    if (c != kTag && c != kBack) tile.at(layer, c, pixel) += more.channel[c];
+    const bool sum = c != kTag && c != kBack && !(tile.layout.planes && c == kSlope);
+    if (sum) tile.at(layer, c, pixel) += more.channel[c];
   }
 }
 
@@ -624,6 +681,40 @@ std::optional<std::pair<int, int>> slabs_of_one(const TileABuffer& tile, const S
 }
 
 }  // namespace
+
+bool covers(const TileABuffer& tile, const Fragment& fragment) {
+  const float* const c = fragment.channel;
+  if (is_merged(fragment)) return c[kAlpha] >= kOpaqueAlpha;
+  const int step = spacing_step(std::bit_cast<std::uint32_t>(c[kTag]));
+  return c[kWeight] >= tile.covering_weight[step] && c[kAlpha] >= c[kWeight] * kOpaqueAlpha;
+}
+
+float TileABuffer::hidden_behind(float nearest, float farthest) const {
+  if (!(farthest > -std::numeric_limits<float>::infinity()) || !(nearest >= farthest))
+    return farthest;
+  constexpr float kBeyond = 2;  // Pixels.
+  constexpr float kDeeper = 3;  // Depths of a pixel.
+  const float slope = (nearest - farthest) / (kStripWidth - 1);
+  return farthest - kBeyond * slope - kDeeper * (shader ? shader->pixel_depth(farthest) : 0);
+}
+
+void drop_behind(TileABuffer& tile, int pixel, float depth, float backs) {
+  int kept = 0;
+  int layer = 0;
+  for (; layer < tile.layout.layers && tile.at(layer, kWeight, pixel) != 0; ++layer) {
+    const float weight = tile.at(layer, kWeight, pixel);
+    const float sum = tile.at(layer, kDepth, pixel);
+    const bool is_back = weight > 0 && !shows_front(tile.at(layer, kTag, pixel));
+    if ((weight < 0 ? sum : sum / weight) < (is_back ? std::max(backs, depth) : depth)) continue;
+    if (kept < layer) {
+      Fragment fragment;
+      load(tile, layer, pixel, fragment);
+      store(tile, kept, pixel, fragment);
+    }
+    ++kept;
+  }
+  for (; kept < layer; ++kept) tile.at(kept, kWeight, pixel) = 0;
+}
 
 void load_fragment(const TileABuffer& tile, int layer, int pixel, Fragment& fragment) {
   load(tile, layer, pixel, fragment);
@@ -658,6 +749,7 @@ Fragment unmerged(const PixelContribution& contribution) {
   c[kBlue] = rho * splat.blue;
   c[kAlpha] = rho * splat.alpha;
   c[kTag] = std::bit_cast<float>(splat.tag);
+  out.slope = DepthSlope::pack(splat);
   if (normal) {
     c[kNormalX] = rho * normal->x;
     c[kNormalY] = rho * normal->y;
@@ -711,6 +803,13 @@ void insert_by_merging(TileABuffer& tile, int pixel, const Fragment& fresh, floa
     store(tile, sorted.order[slabs->second], pixel, fresh);
     return;
   }
+  // What lies furthest behind a surface that covers the pixel gives way.
+  int covering = 0;
+  while (covering < sorted.count && !covers(tile, sorted[covering])) ++covering;
+  if (covering + 2 < sorted.count) {
+    store(tile, sorted.order[sorted.count - 1], pixel, fresh);
+    return;
+  }
   ++tile.merges.merged;
   // The pair to merge, and the layer that it leaves free. Nothing may lie between the two.
   if (in_front == 1 && sorted.count == 2) {
@@ -746,15 +845,11 @@ std::optional<PixelResult> resolve_pixel(TileABuffer& tile, int pixel, const Fra
   const int x = tile.x0 + tile_pixel_x(pixel);
   const int y = tile.y0 + tile_pixel_y(pixel);
   bool look = false;
-  bool hidden = false;
   for (int i = 0; i < sorted.count; ++i) {
     const Fragment& fragment = sorted[i];
     if (!is_merged(fragment)) tile.merges.total_weight += fragment.channel[kWeight];
-    look = look ||
-           (!edge_comes_later(tile, i + 1 == sorted.count, fragment) &&
-            may_be_at_edge(tile, fragment)) ||
-           (!hidden && may_be_far_side(tile, sorted.count, fragment));
-    hidden = hidden || hides(tile, fragment);
+    look = look || may_be_at_edge(tile, i + 1 == sorted.count, fragment) ||
+           may_be_far_side(tile, sorted.count, fragment);
   }
   if (waits || (look && sees_other_tiles(tile, pixel))) {
     const bool has_rest = waits || is_merged(rest);

@@ -38,6 +38,9 @@ enum FragmentChannel : int {
   /// all contributions are of the tag's material. Fragments merged in the A-buffer have kBack here
   /// instead.
   kOther = kBack,
+  /// Of unmerged fragments where ABufferLayout::planes: the first contribution's DepthSlope,
+  /// packed.
+  kSlope = kAlpha,
   kCovered = kDepth,  ///< Of Compositor::Worker::behind(): the share of the pixel that it covers.
 };
 
@@ -64,6 +67,7 @@ struct ABufferLayout {
   bool normals = false;
   bool opaque = false;  ///< Every splat has alpha 1: kAlpha is kWeight, except in merged fragments.
   bool clips = false;   ///< Splats may be cut by half-planes.
+  bool planes = false;  ///< Fragments have a kSlope, in opaque pictures.
 
   int channels() const { return clips ? kFragmentChannels : normals ? kNormalZ + 1 : kBack + 1; }
   std::size_t layer_stride() const { return static_cast<std::size_t>(channels()) * kPatchPixels; }
@@ -74,6 +78,7 @@ struct ABufferLayout {
 /// One fragment of one pixel, by value.
 struct Fragment {
   float channel[kFragmentChannels];
+  std::uint32_t slope = 0;  ///< DepthSlope, packed; 0 where it is not known.
 };
 
 inline bool is_merged(const Fragment& fragment) { return fragment.channel[kWeight] < 0; }
@@ -178,8 +183,9 @@ struct TileABuffer {
   float edge_weight = 1;  ///< The sum of rho from which a surface covers the pixel at its edge, and
                           ///< hides all surfaces behind it; >= tau.
   float mean_weight = 1;  ///< The mean sum of rho within a surface.
-  /// No edge is looked for where the sum of rho is this or more: edge_weight in opaque pictures, as
-  /// nothing is drawn behind.
+  /// By spacing_step(): the sum of rho from which an opaque surface covers a pixel unless it ends.
+  float covering_weight[kSpacingSteps] = {};
+  /// No edge is looked for where the sum of rho of a pixel's last fragment is this or more.
   float inside_weight = 1;
   /// EdgeCoverage sets the opacities at edges, so that a pixel's only fragment need not look at the
   /// pixels around.
@@ -225,6 +231,13 @@ struct TileABuffer {
   float weight_at_edge(float edge) const {
     return full_weight + (edge_weight - full_weight) * edge;
   }
+  /// The depth behind which nothing of a patch is seen that opaque surfaces cover: behind the
+  /// farthest of its pixels' nearest surfaces, as they go on for some pixels beyond the patch, and
+  /// a few pixels' depth further. There a surface may end, or cross what lies behind, of which the
+  /// pixel filter sees a part.
+  /// \param nearest, farthest  among the depths of those surfaces; minus infinity: a pixel has
+  /// none.
+  float hidden_behind(float nearest, float farthest) const;
   float& at(int layer, int channel, int pixel) {
     return fragment(layer, static_cast<std::size_t>(pixel))[channel * kPatchPixels];
   }
@@ -252,6 +265,13 @@ struct PixelContribution {
 /// \param fresh  the contribution, or the sums over several of one surface.
 /// \param depth  its depth.
 void insert_by_merging(TileABuffer& tile, int pixel, const Fragment& fresh, float depth);
+
+/// Does a fragment, its edges aside, hide what lies behind it?
+bool covers(const TileABuffer& tile, const Fragment& fragment);
+
+/// Drops the fragments of a pixel that lie behind a depth, and the unmerged ones that show their
+/// backs and lie behind the depth `backs`.
+void drop_behind(TileABuffer& tile, int pixel, float depth, float backs);
 
 /// Reads the fragment of a pixel's layer, in place: a copy would wait for the stores. A channel
 /// that the tile's layout leaves out becomes 0; kAlpha becomes the weight in tiles of opaque

@@ -44,8 +44,11 @@ Unevenness measure_unevenness(const SurfelColumns& c, std::size_t count) {
   // slope that differs by more than this tells that they are of different surfaces, or of a rough
   // one.
   constexpr float kMostSlope = 1e-3F;
+  // So much samples turn from one to the next at creases, and where surfaces cross, radians.
+  constexpr float kMostTurn = 0.25F;
   std::array<float, kMostSamples> off;
   std::size_t samples = 0;
+  std::size_t smooth = 0;
   float turned = 0;
   float along = 0;
   const std::size_t step = (count + kMostSamples - 1) / kMostSamples;
@@ -60,13 +63,14 @@ Unevenness measure_unevenness(const SurfelColumns& c, std::size_t count) {
     const float distance = offset.norm();
     const float turn = (next - n).norm();
     off[samples] = std::abs((n + next).dot(offset)) / 2;
-    if (off[samples] <= (turn / 2 + kMostSlope) * distance) {
+    if (turn < kMostTurn && off[samples] <= (turn / 2 + kMostSlope) * distance) {
+      ++smooth;
       turned += turn;
       along += distance;
     }
     ++samples;
   }
-  if (samples == 0) return {};
+  if (samples == 0 || smooth * 4 < samples) return {};
   const auto quarter = off.begin() + static_cast<std::ptrdiff_t>(samples / 4);
   std::nth_element(off.begin(), quarter, off.begin() + static_cast<std::ptrdiff_t>(samples));
   return {along > 0 ? kMostBend * turned / along : 0.0F, kRoughByQuarter * *quarter};

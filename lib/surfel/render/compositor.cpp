@@ -26,6 +26,15 @@ class ABufferCompositor final : public Compositor {
     void draw(std::span<const TileJob> jobs, TileABuffer& tile) override {
       rasterize_tile(jobs.front(), tile);
     }
+    /// The rasteriser reads nothing else where there is no weight.
+    void clear(const TileABuffer& tile) override {
+      for (std::size_t pixel = 0; pixel < kTilePixels; pixel += kPatchPixels) {
+        for (int layer = 0; layer < tile.layout.layers; ++layer) {
+          std::fill_n(tile.fragment(layer, pixel), kPatchPixels, 0.0F);
+        }
+      }
+    }
+    void finish(TileABuffer& tile) override { drop_hidden(tile); }
   };
   const RenderOptions& options_;
   bool opaque_;
@@ -57,6 +66,10 @@ void FrameStatistics::add(const FrameStatistics& other) {
   culled += other.culled;
   peeled_layers = std::max(peeled_layers, other.peeled_layers);
   unpeeled_pixels += other.unpeeled_pixels;
+}
+
+void Compositor::Worker::clear(const TileABuffer& tile) {
+  std::fill_n(tile.data, tile.layout.size(), 0.0F);
 }
 
 Fragment Compositor::Worker::behind(int /*pixel*/) const { return {}; }

@@ -98,6 +98,10 @@ class SURFEL_API Compositor {
     /// \param jobs  The tile's splats, parallel to Compositor::lists().
     /// \param tile  The A-buffer of the tile.
     virtual void draw(std::span<const TileJob> jobs, TileABuffer& tile) = 0;
+    /// Empties the A-buffer of a tile.
+    virtual void clear(const TileABuffer& tile);
+    /// All splats of a tile have been drawn.
+    virtual void finish(TileABuffer& /*tile*/) {}
     /// A merged fragment behind all layers of the A-buffer of a pixel of the tile drawn last: its
     /// kCovered counts where there is an environment, and its depths do not. Only called if
     /// Compositor::has_background().

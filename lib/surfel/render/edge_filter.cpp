@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 
 #include <surfel/base/elementary.h>
 #include <surfel/render/edge_filter.h>
@@ -48,6 +49,7 @@ std::array<double, kTaps + 1> of_variance(double variance) {
 EdgeFilter::EdgeFilter(double cutoff, double lowpass) {
   const double lost = portable::exp(-cutoff);
   inv_mean_ = static_cast<float>(1 / (1 - lost));
+  inv_lowpass_ = static_cast<float>(1 / lowpass);
   // As wide as the pixel filter, but no wider than the taps allow.
   const auto even = gaussian(portable::squared(std::min(1.0, lowpass)));
   even_ = rounded(even);
@@ -63,6 +65,13 @@ EdgeFilter::EdgeFilter(double cutoff, double lowpass) {
     const double k = std::sqrt(std::max(1.0, 1 - lacking + variance_of(taps) / filter));
     completing_[step] = {rounded(taps), static_cast<float>(k - 1)};
   }
+}
+
+float EdgeFilter::half_plane(float distance) const {
+  // Polya's approximation of Phi, off by 0.003 at most.
+  const float d = distance * inv_lowpass_;
+  const double fall = portable::exp(-2 / std::numbers::pi * static_cast<double>(d * d));
+  return 0.5F + 0.5F * std::copysign(static_cast<float>(std::sqrt(1 - fall)), d);
 }
 
 float EdgeFilter::mean_of_middle(const Window& window) {

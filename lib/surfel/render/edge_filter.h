@@ -6,6 +6,7 @@
 #include <array>
 #include <cmath>
 #include <cstdlib>
+#include <utility>
 
 #include <surfel/base/export.h>
 #include <surfel/render/splat.h>
@@ -65,6 +66,9 @@ class SURFEL_API EdgeFilter {
     return std::clamp(-slack / ramp, 0.0F, 1.0F);
   }
 
+  /// What the pixel filter has of a half-plane, whose border is so many pixels away.
+  float half_plane(float distance) const;
+
   /// A surface's sum over its mean in a pixel.
   struct Sample {
     float sum;
@@ -93,6 +97,7 @@ class SURFEL_API EdgeFilter {
         }
       }
     };
+    if (goes_on(at)) return {};
     fetch_square(1);
     float degree = edge_by(mean_of_middle(slacks), step);
     if (degree < 1) {
@@ -105,6 +110,20 @@ class SURFEL_API EdgeFilter {
   }
 
  private:
+  /// Whether a surface has whole sums in a pixel and on all sides of it, so that it ends nowhere
+  /// near: most pixels of most surfaces that others lie behind.
+  template <class At>
+  static bool goes_on(const At& at) {
+    constexpr int kFar = 2;
+    for (const auto& [x, y] :
+         {std::pair(0, 0), std::pair(1, 0), std::pair(0, 1), std::pair(-1, 0), std::pair(0, -1),
+          std::pair(1, 1), std::pair(-1, 1), std::pair(1, -1), std::pair(-1, -1)}) {
+      const Sample sample = at(kReach + kFar * x, kReach + kFar * y);
+      if (slack(sample.sum, sample.step) < 0) return false;
+    }
+    return true;
+  }
+
   using Taps = std::array<float, kTaps + 1>;                   // By distance.
   using Window = std::array<std::array<float, kSide>, kSide>;  // Row by row.
 
@@ -121,6 +140,7 @@ class SURFEL_API EdgeFilter {
   };
 
   float inv_mean_;
+  float inv_lowpass_;
   Taps even_;
   std::array<Completing, kSpacingSteps> completing_;
 };

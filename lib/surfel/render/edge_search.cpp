@@ -103,29 +103,40 @@ EdgeNeighbors continued_around(const Fragment& fragment, int x, int y,
 /// Adds up the sums of a surface's fragments in a pixel.
 class SurfaceSum {
  public:
-  /// \param whole  The sum of a surface that hides others.
-  SurfaceSum(const SurfaceRange& range, float whole)
-      : range_(range), whole_(whole), step_(range.step) {}
+  /// \param dx, dy  From the surface's pixel to the pixel.
+  /// \param whole   The sum of a surface that hides others.
+  SurfaceSum(const SurfaceRange& range, int dx, int dy, float whole)
+      : range_(range),
+        nearest_(range.nearest.middle.at(dx, dy)),
+        farthest_(range.farthest.middle.at(dx, dy)),
+        crossed_(range.nearest.gap.at(dx, dy) < 0 || range.farthest.gap.at(dx, dy) < 0),
+        whole_(whole),
+        step_(range.step) {}
 
   void offer(float weight, float depth, bool front, int step) {
     if (front != range_.front) return;
-    if (depth >= range_.nearest) {
+    if (depth >= nearest_) {
       nearer_ += weight;
-    } else if (depth > range_.farthest) {
+    } else if (depth > farthest_) {
       step_ = sum_ > 0 ? std::max(step_, step) : step;
       sum_ += weight;
     }
   }
   /// Merged surfaces do not tell what they hold of it: it is taken to go on as in the pixel.
   void offer_merged(float depth) {
-    if (depth > range_.farthest) sum_ = std::max(sum_, range_.sum);
+    if (depth > farthest_) sum_ = std::max(sum_, range_.sum);
   }
-  /// What nearer surfaces hide may not have been drawn: it is taken to go on.
-  float sum() const { return nearer_ >= whole_ ? std::numeric_limits<float>::infinity() : sum_; }
+  /// What nearer surfaces hide may not have been drawn, and what lies beyond a crossing is not told
+  /// apart: it is taken to go on.
+  float sum() const {
+    return crossed_ || nearer_ >= whole_ ? std::numeric_limits<float>::infinity() : sum_;
+  }
   int step() const { return step_; }
 
  private:
-  SurfaceRange range_;
+  const SurfaceRange& range_;
+  float nearest_, farthest_;
+  bool crossed_;
   float whole_;
   int step_;
   float sum_ = 0;
@@ -138,9 +149,10 @@ template <class Offer>
 EdgeFilter::Edge edge_in_picture(const EdgeFilter& filter, const SurfaceRange& range, int x, int y,
                                  const std::array<int, 2>& size, const Offer& offer) {
   const auto share_of = [&](int column, int row) {
-    SurfaceSum sum(range, kWholeSurface / filter.inv_mean());
-    offer(std::clamp(x + column - EdgeFilter::kReach, 0, size[0] - 1),
-          std::clamp(y + row - EdgeFilter::kReach, 0, size[1] - 1), sum);
+    const int at_x = std::clamp(x + column - EdgeFilter::kReach, 0, size[0] - 1);
+    const int at_y = std::clamp(y + row - EdgeFilter::kReach, 0, size[1] - 1);
+    SurfaceSum sum(range, at_x - x, at_y - y, kWholeSurface / filter.inv_mean());
+    offer(at_x, at_y, sum);
     return EdgeFilter::Sample{std::min(kOneSurface, sum.sum() * filter.inv_mean()), sum.step()};
   };
   return filter.edge_of(share_of, range.step);
@@ -166,11 +178,6 @@ void offer_fragments(const TileABuffer& tile, int x, int y, Taker& taker) {
 }
 
 }  // namespace
-
-bool may_be_at_edge(const TileABuffer& tile, const Fragment& fragment) {
-  return tile.edge_filter && !is_merged(fragment) &&
-         fragment.channel[kWeight] < tile.inside_weight && is_filtered(fragment.channel[kTag]);
-}
 
 bool sees_other_tiles(const TileABuffer& tile, int pixel) {
   constexpr int kFar = kTileSize - kEdgeReach;
@@ -300,7 +307,11 @@ bool TileRims::inside_goes_on(int x, int y) const {
 float TileRims::coverage_change(const TileABuffer& weights, const LoneFragment& lone) const {
   if (inside_goes_on(lone.x, lone.y)) return 1;
   constexpr float kInfinity = std::numeric_limits<float>::infinity();
-  const SurfaceRange all{shows_front(lone.tag), kInfinity, -kInfinity, lone.weight,
+  const SlantedDepth far_off{kInfinity, {}};
+  const SurfaceRange all{shows_front(lone.tag),
+                         {far_off, far_off},
+                         {{-kInfinity, {}}, far_off},
+                         lone.weight,
                          spacing_step(std::bit_cast<std::uint32_t>(lone.tag))};
   const EdgeFilter& filter = *weights.edge_filter;
   const auto [degree, coverage] = edge_around(filter, all, lone.x, lone.y);

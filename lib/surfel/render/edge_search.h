@@ -31,18 +31,30 @@ struct EdgeNeighbors {
 /// A fragment with more than this share of the mean sum is a surface of its own.
 inline constexpr float kWholeSurface = 0.85F;
 
-/// The fragments of one side of a surface in the pixels around one: of all depths between two, as
-/// Splat::depth, larger is nearer.
+/// A depth, as Splat::depth, in a pixel, and how it changes from pixel to pixel.
+struct SlantedDepth {
+  float depth;
+  DepthSlope slope;
+
+  /// In a pixel that lies beside it.
+  float at(int dx, int dy) const {
+    return depth + slope.x * static_cast<float>(dx) + slope.y * static_cast<float>(dy);
+  }
+};
+
+/// What parts two surfaces of a side, in the pixels around one.
+struct DepthBorder {
+  SlantedDepth middle;  ///< Fragments belong to the surface on their side of it.
+  SlantedDepth gap;     ///< By which one surface is nearer; where it is negative they have crossed.
+};
+
+/// The fragments of one side of a surface in the pixels around one: of all depths between two.
 struct SurfaceRange {
   bool front;
-  float nearest, farthest;
+  DepthBorder nearest, farthest;
   float sum;  ///< In the pixel itself.
   int step;   ///< The spacing_step() of the splats.
 };
-
-/// Whether a fragment's surface may end at its pixel, so that the pixels around have to be looked
-/// at: its sum is less than a surface has, and its splats are no larger than the pixel filter.
-bool may_be_at_edge(const TileABuffer& tile, const Fragment& fragment);
 
 /// Whether pixels around a pixel of a tile belong to other tiles.
 bool sees_other_tiles(const TileABuffer& tile, int pixel);

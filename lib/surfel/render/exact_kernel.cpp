@@ -147,6 +147,8 @@ std::optional<ExactKernel> make_exact_kernel(const SurfelInCamera& surfel, const
   };
   ExactSplat& exact = kernel.exact;
   store(n / n_p, exact.depth);
+  splat.depth_dx = exact.depth[1];
+  splat.depth_dy = exact.depth[2];
   store(coordinate(surfel.tangent, surfel.variance_u), exact.u);
   store(coordinate(bitangent, surfel.variance_v), exact.v);
   exact.amplitude = static_cast<float>(

@@ -586,6 +586,14 @@ struct FragmentSums {
   }
 };
 
+/// Empties a vector of fragments none of which has a weight, as nothing else of them is set then.
+HWY_INLINE float* emptied_if_unused(float* fragment, int channels) {
+  if (HWY_UNLIKELY(hn::AllTrue(D(), hn::Eq(hn::Load(D(), fragment), hn::Zero(D()))))) {
+    for (int c = 1; c < channels; ++c) hn::Store(hn::Zero(D()), D(), fragment + c * kPatchPixels);
+  }
+  return fragment;
+}
+
 /// Fragments through which nothing is seen. Merged fragments have a negative weight and never
 /// pass.
 template <bool kOpaqueSplats>
@@ -599,24 +607,32 @@ HWY_INLINE M covers(V weight, V alpha, V full_weight) {
 template <bool kNormals, bool kOpaqueSplats, bool kClips = false>
 class FragmentLayer {
  public:
-  FragmentLayer(float* fragment, V full)
-      : fragment_(fragment),
+  /// \param channels  ABufferLayout::channels().
+  /// \param cover     TileABuffer::edge_weight.
+  FragmentLayer(float* fragment, int channels, V cover)
+      : fragment_(emptied_if_unused(fragment, channels)),
         sums_(fragment),
-        tag_(hn::BitCast(Tags(), hn::Load(D(), fragment + kTag * kPatchPixels))),
-        full_(full) {}
+        cover_(cover),
+        tag_(hn::BitCast(Tags(), hn::Load(D(), fragment + kTag * kPatchPixels))) {
+    if constexpr (kOpaqueSplats) slope_ = hn::Load(D(), fragment + kSlope * kPatchPixels);
+  }
 
   /// Accumulate or separate, SS01 section 6: adds a contribution where it belongs to the layer's
   /// surface or the layer is free. Returns its rho where it is another's, and 0 where it has been
-  /// added or the layer hides it.
+  /// added, or shows a back that the layer hides.
   HWY_INLINE V take(V rho, V depth, V epsilon, const Splat& splat, const SplatNormal* normal) {
-    return take(rho, depth, epsilon, splat.tag, [&](M joins) HWY_ATTR SURFEL_INLINE_LAMBDA {
+    return take(rho, depth, epsilon, splat.tag, [&](M joins, M free) HWY_ATTR SURFEL_INLINE_LAMBDA {
+      if constexpr (kOpaqueSplats) {
+        const auto slope = hn::BitCast(D(), hn::Set(Tags(), DepthSlope::pack(splat)));
+        slope_ = hn::IfThenElse(free, slope, slope_);
+      }
       sums_.add(splat, normal, hn::IfThenElseZero(joins, rho), depth);
     });
   }
   /// As above, with the contributions of a sheet.
   HWY_INLINE V take(V rho, V depth, V epsilon, std::uint32_t tag,
                     const FragmentSums<kNormals, kOpaqueSplats>& sheet) {
-    return take(rho, depth, epsilon, tag, [&](M joins) HWY_ATTR SURFEL_INLINE_LAMBDA {
+    return take(rho, depth, epsilon, tag, [&](M joins, M /*free*/) HWY_ATTR SURFEL_INLINE_LAMBDA {
       sums_.add(sheet, hn::And(joins, hn::Gt(rho, hn::Zero(D()))));
     });
   }
@@ -630,6 +646,7 @@ class FragmentLayer {
   HWY_INLINE void store() {
     sums_.store(fragment_);
     hn::Store(hn::BitCast(D(), tag_), D(), fragment_ + kTag * kPatchPixels);
+    if constexpr (kOpaqueSplats) hn::Store(slope_, D(), fragment_ + kSlope * kPatchPixels);
   }
 
  private:
@@ -638,26 +655,28 @@ class FragmentLayer {
     const D d;
     const auto splat_tag = hn::Set(Tags(), tag);
     // depth - fragment's depth, times the fragment's weight, to save the division. Merged
-    // fragments have a negative weight, and no contribution is near them, nor hidden by them.
+    // fragments have a negative weight, and no contribution is near them.
     const V behind = mul_sub(depth, sums_.weight, sums_.depth);
     const M near = hn::Lt(hn::Abs(behind), hn::Mul(epsilon, sums_.weight));
     const M same_side = hn::RebindMask(
         d, hn::Eq(hn::And(hn::Xor(tag_, splat_tag), hn::Set(Tags(), kFrontTag)), hn::Zero(Tags())));
     const M free = hn::Eq(sums_.weight, hn::Zero(d));
     const M joins = hn::Or(free, hn::And(near, same_side));
-    const V alpha = kOpaqueSplats ? sums_.weight : sums_.alpha;
-    const M hidden =
-        hn::And(covers<kOpaqueSplats>(sums_.weight, alpha, full_), hn::Lt(behind, hn::Zero(d)));
     tag_ = hn::IfThenElse(hn::RebindMask(Tags(), free), splat_tag, tag_);
     joined_ = hn::And(joins, hn::Gt(rho, hn::Zero(d)));
-    add(joins);
+    add(joins, free);
+    if (!kOpaqueSplats || (tag & kFrontTag) != 0) return hn::IfThenZeroElse(joins, rho);
+    const M front = hn::RebindMask(d, hn::TestBit(tag_, hn::Set(Tags(), kFrontTag)));
+    const M hides = hn::And(front, hn::Ge(sums_.weight, cover_));
+    const M hidden = hn::And(hides, hn::Lt(behind, hn::Zero(d)));
     return hn::IfThenZeroElse(hn::Or(joins, hidden), rho);
   }
 
   float* fragment_;
   FragmentSums<kNormals, kOpaqueSplats, kClips> sums_;
+  V cover_;
   hn::Vec<Tags> tag_;
-  V full_;
+  V slope_;
   M joined_;  ///< Pixels in which the last contribution has been added.
 };
 

@@ -17,11 +17,11 @@ constexpr float kNothingHidden = -kNowhere;
 
 constexpr std::array<FragmentChannel, 3> kColorChannels{kRed, kGreen, kBlue};
 
-/// Does nothing that lies behind a fragment add to its pixel?
-bool covers(const TileABuffer& tile, const Fragment& fragment) {
-  const float* c = fragment.channel;
-  if (is_merged(fragment)) return c[kAlpha] >= kOpaqueAlpha;
-  return c[kWeight] >= tile.edge_weight && c[kAlpha] >= c[kWeight] * kOpaqueAlpha;
+/// Does one of a pixel's fragments cover what lies at a depth?
+bool is_covered(const TileABuffer& tile, const std::vector<Fragment>& fragments, float depth) {
+  return std::any_of(fragments.begin(), fragments.end(), [&](const Fragment& fragment) {
+    return covers(tile, fragment) && front_depth(fragment) > depth;
+  });
 }
 
 Vec3f straight(const float* red, double alpha) {
@@ -55,6 +55,25 @@ void PixelProbe::keep(const TileABuffer& tile, bool plain) {
   kept_tile_ = tile;
   plain_ = plain;
   kept_.assign(tile.data, tile.data + tile.layout.size());
+  if (!replays_) return;
+  // The layers that drop_hidden() drops.
+  TileABuffer all = tile;
+  all.data = state_.data();
+  const Layers before = layers_of(all, pixel_);
+  drop_hidden(all);
+  const Layers after = layers_of(all, pixel_);
+  std::vector<std::vector<Member>> kept;
+  for (std::size_t layer = 0; layer < before.size(); ++layer) {
+    const bool stays = kept.size() < after.size() &&
+                       std::equal(std::begin(before[layer].channel),
+                                  std::end(before[layer].channel), after[kept.size()].channel);
+    if (stays) {
+      kept.push_back(std::move(members_[layer]));
+    } else {
+      set_fate(members_[layer], SplatFate::kHidden);
+    }
+  }
+  members_ = std::move(kept);
 }
 
 void PixelProbe::note(const Image& image, int stage) {
@@ -150,24 +169,9 @@ std::size_t PixelProbe::add_splat(const TileJob& job, std::uint32_t row, const F
   return result_.splats.size() - 1;
 }
 
-/// The depth behind which nothing of a pixel of the tile is seen, as the rasteriser finds it.
-float PixelProbe::hidden(const TileABuffer& state, int pixel) {
-  float depth = kNothingHidden;
-  for (const Fragment& fragment : layers_of(state, pixel)) {
-    if (covers(state, fragment)) depth = std::max(depth, front_depth(fragment));
-  }
-  return depth;
-}
-
-/// The same for all pixels of the patch: splats behind the least of them are left out.
-float PixelProbe::least_hidden(const TileABuffer& state) const {
-  float least = kNowhere;
-  const int first = pixel_ - pixel_ % kPatchPixels;
-  for (int pixel = first; pixel < first + kPatchPixels; ++pixel) {
-    const bool inside = tile_pixel_x(pixel) < state.width && tile_pixel_y(pixel) < state.height;
-    if (inside) least = std::min(least, hidden(state, pixel));
-  }
-  return least;
+/// The depth behind which nothing of the pixel is seen.
+float PixelProbe::hidden(const TileABuffer& state) const {
+  return find_hidden(state)[static_cast<std::size_t>(pixel_)];
 }
 
 /// A pixel's layers in use, as stored.
@@ -203,9 +207,9 @@ void PixelProbe::replay(const TileABuffer& tile, const TileJob& job, SplatLists&
   for (std::size_t begin = 0; begin < job.count; begin += kHiddenEvery) {
     const std::size_t end = std::min(begin + kHiddenEvery, job.count);
     const std::uint32_t first_sheet = next;
-    r.how.hidden = hidden(drawn, pixel_);
+    r.how.hidden = hidden(drawn);
     r.least_to_merge = least_to_merge(tile, job, begin, end);
-    const std::vector<std::uint32_t> listed = listed_splats(job, begin, end, least_hidden(drawn));
+    const std::vector<std::uint32_t> listed = listed_splats(job, begin, end, r.how.hidden);
     for (std::size_t i = 0; i < listed.size();) {
       const float depth = next < end_sheets ? job.sheets[next].depth : kNothingHidden;
       std::size_t last = i;
@@ -218,7 +222,7 @@ void PixelProbe::replay(const TileABuffer& tile, const TileJob& job, SplatLists&
     draw_part(job, begin, end, first_sheet, next, drawn);
     std::copy_n(patch_of(drawn), tile.layout.patch_stride(), patch_of(r.state));
   }
-  r.how.hidden = hidden(r.state, pixel_);
+  r.how.hidden = hidden(r.state);
   take_sheets(kNothingHidden);
 }
 
@@ -313,9 +317,12 @@ bool PixelProbe::offer(Replay& r, Event& event) {
   event.job.replay = &r.how;
   rasterize_tile(event.job, r.state);
   if (settle(r, event, patch, before, {})) return true;
-  const bool is_hidden = std::any_of(before.begin(), before.end(), [&](const Fragment& fragment) {
-    return !is_merged(fragment) && covers(r.state, fragment) && front_depth(fragment) > event.depth;
-  });
+  const bool is_hidden = r.state.layout.opaque && !shows_front(event.fresh.channel[kTag]) &&
+                         std::any_of(before.begin(), before.end(), [&](const Fragment& fragment) {
+                           return !is_merged(fragment) && shows_front(fragment.channel[kTag]) &&
+                                  fragment.channel[kWeight] >= r.state.edge_weight &&
+                                  front_depth(fragment) > event.depth;
+                         });
   if (is_hidden) set_fate(event.members, SplatFate::kHidden);
   return is_hidden;
 }
@@ -332,14 +339,14 @@ bool PixelProbe::add_without_layer(Replay& r, const Event& event) {
     set_fate(event.members, SplatFate::kTooLittle);
     return false;
   }
+  if (is_covered(r.state, before, event.depth)) {
+    set_fate(event.members, SplatFate::kHidden);
+    return false;
+  }
   const std::vector<float> patch = patch_copy(r.state);
   for (std::size_t layer = 0; layer < before.size(); ++layer) {
     const Fragment& fragment = before[layer];
     if (!is_merged(fragment)) continue;
-    if (covers(r.state, fragment) && event.depth < front_depth(fragment)) {
-      set_fate(event.members, SplatFate::kHidden);
-      return false;
-    }
     if (event.depth - event.epsilon < front_depth(fragment) &&
         event.depth + event.epsilon > fragment.channel[kBack]) {
       set_fate(event.members, SplatFate::kTooLate);
@@ -399,9 +406,7 @@ void PixelProbe::replay_sheet(Replay& r, const SheetPatch& sheet) {
 }
 
 SplatFate PixelProbe::why_dropped(const Replay& r, const Layers& layers, const Event& event) {
-  for (const Fragment& fragment : layers) {
-    if (covers(r.state, fragment) && front_depth(fragment) > event.depth) return SplatFate::kHidden;
-  }
+  if (is_covered(r.state, layers, event.depth)) return SplatFate::kHidden;
   if (r.state.layout.layers == 1) return SplatFate::kReplaced;
   return event.rho() < r.least_to_merge ? SplatFate::kTooLittle : SplatFate::kTooLate;
 }

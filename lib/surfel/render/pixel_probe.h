@@ -104,8 +104,7 @@ class PixelProbe {
   TileJob single_sheet(const TileJob& job, const SheetPatch& sheet, bool normals);
   Fragment alone(const TileABuffer& tile, TileJob job);
   std::size_t add_splat(const TileJob& job, std::uint32_t row, const Fragment& fragment);
-  static float hidden(const TileABuffer& state, int pixel);
-  float least_hidden(const TileABuffer& state) const;
+  float hidden(const TileABuffer& state) const;
   static Layers layers_of(const TileABuffer& tile, int pixel);
   static float least_to_merge(const TileABuffer& tile, const TileJob& job, std::size_t begin,
                               std::size_t end);

@@ -234,7 +234,10 @@ void resolve_plain_pixels_simd(TileABuffer& tile, const Lighting* lighting, cons
         full = hn::IfThenElse(is_cut, full_weight_of_cut(tile, at, cut), full);
       }
       // Inside a tile that lies inside a surface there is no edge.
-      const M known = hn::Or(not_filtered, hn::Ge(at.weight, hn::Set(d, tile.inside_weight)));
+      const M last = hn::Le(left, one);
+      const M ends = tile.layout.opaque ? last : whole;
+      const M known =
+          hn::Or(not_filtered, hn::And(ends, hn::Ge(at.weight, hn::Set(d, tile.inside_weight))));
       const M may_wait = hn::AndNot(is_cut, lone);
       const M not_at_edge =
           out.inside == TileInside::kNo ? may_wait : hn::AndNot(hn::And(is_cut, lone), whole);

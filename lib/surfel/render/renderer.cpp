@@ -115,7 +115,8 @@ struct Renderer::Impl {
     blank_tile.layout = {.layers = compositor->layers(),
                          .normals = options.lit || options.aovs,
                          .opaque = opaque,
-                         .clips = cloud.has_clips()};
+                         .clips = cloud.has_clips(),
+                         .planes = opaque && !method.needs_whole_tiles()};
     set_weights();
     if (opaque && compositor->sums_are_whole() && options.filter == Filter::kEwa &&
         !options.coverage_threshold) {
@@ -164,6 +165,13 @@ void Renderer::Impl::set_weights() {
   blank_tile.full_weight = full;
   blank_tile.mean_weight = options.coverage_threshold ? full : mean;
   blank_tile.edge_weight = options.coverage_threshold ? full : mean - (mean - full) / 4;
+  for (int step = 0; step < kSpacingSteps; ++step) {
+    // So coarse samples have sums that are too uneven to ask for more.
+    constexpr int kUneven = 3;
+    blank_tile.covering_weight[step] = step < kUneven || options.coverage_threshold
+                                           ? blank_tile.edge_weight
+                                           : std::max(full, EdgeFilter::least_inside(step) * mean);
+  }
   blank_tile.inside_weight =
       blank_tile.layout.opaque ? blank_tile.edge_weight : kOneSurface * blank_tile.mean_weight;
   // A threshold of one's own says by itself what is covered.
@@ -384,13 +392,14 @@ void Renderer::Impl::draw_block(const Pass& pass, std::size_t block, int w) {
         tile.y0 = band.y0 + (first_y + y) * kTileSize;
         if (!frame.draws_tile(tile.y0)) continue;
         tile.data = buffer(x, y);
-        if (first && begin == 0) std::fill_n(tile.data, size, 0.0F);
+        if (first && begin == 0) worker.compositor->clear(tile);
         tile.x0 = (first_x + x) * kTileSize;
         tile.width = std::min(kTileSize, image.width - tile.x0);
         tile.height = std::min(kTileSize, band.y1 - tile.y0);
         tile.merges = {};
         draw_tile(tile, x, y, w);
         if (last && end == clusters) {
+          worker.compositor->finish(tile);
           resolve(tile, compositor->has_background() ? worker.compositor.get() : nullptr,
                   worker.open, image);
         }

@@ -178,6 +178,10 @@ class SURFEL_API Shader {
   /// Conversions between Splat::depth and the depth z along the view.
   float z(float depth) const { return lighting_.orthographic ? -depth : 1.0F / depth; }
   float depth(float z) const { return lighting_.orthographic ? -z : 1.0F / z; }
+  /// How much depths, as Splat::depth, differ that are as far apart as pixels are at this depth.
+  float pixel_depth(float depth) const {
+    return lighting_.inv_focal_x * (lighting_.orthographic ? 1.0F : depth);
+  }
 
  private:
   SeenSurface surface(const Fragment& fragment, float x, float y) const;

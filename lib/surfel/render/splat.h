@@ -1,5 +1,6 @@
 #pragma once
 
+#include <bit>
 #include <cstdint>
 
 // Plain structures that the SIMD files share with the rest: raw numbers only, no Eigen type (its
@@ -56,6 +57,20 @@ struct alignas(64) Splat {
   std::uint32_t tag;  ///< kFrontTag and the like; from kMaterialShift on: material.
 };
 static_assert(sizeof(Splat) == 64);
+
+/// How much the depth of a splat's plane changes from pixel to pixel, as Splat::depth_dx and
+/// depth_dy: in two halves of a number's bits, each the more significant half of a float.
+struct DepthSlope {
+  float x = 0, y = 0;
+
+  static std::uint32_t pack(const Splat& splat) {
+    return std::bit_cast<std::uint32_t>(splat.depth_dx) >> 16 |
+           (std::bit_cast<std::uint32_t>(splat.depth_dy) & 0xFFFF0000U);
+  }
+  static DepthSlope unpack(std::uint32_t packed) {
+    return {std::bit_cast<float>(packed << 16), std::bit_cast<float>(packed & 0xFFFF0000U)};
+  }
+};
 
 /// Bits of Splat::tag.
 inline constexpr std::uint32_t kFrontTag = 1;     ///< The surfel's front faces the eye.

@@ -24,6 +24,43 @@ namespace surfel {
 namespace HWY_NAMESPACE {
 namespace {
 
+/// Merged fragments through which nothing is seen.
+HWY_INLINE M covers_merged(const float* fragment, V weight) {
+  const D d;
+  return hn::And(hn::Lt(weight, hn::Zero(d)),
+                 hn::Ge(hn::Load(d, fragment + kAlpha * kPatchPixels), hn::Set(d, kOpaqueAlpha)));
+}
+
+/// The depths of the nearest surfaces that cover pixels, see covers(); minus infinity: there is
+/// none.
+template <bool kOpaqueSplats>
+HWY_INLINE V covering_depth(const TileABuffer& tile, std::size_t pixel) {
+  const D d;
+  const hn::RebindToSigned<D> di;
+  V nearest = hn::Set(d, -__builtin_inff());
+  for (int layer = 0; layer < tile.layout.layers; ++layer) {
+    const float* fragment = tile.fragment(layer, pixel);
+    const V weight = hn::Load(d, fragment + kWeight * kPatchPixels);
+    if (is_zero(weight)) break;
+    const V depth = hn::Load(d, fragment + kDepth * kPatchPixels);
+    const V alpha = hn::Load(d, fragment + kAlpha * kPatchPixels);
+    const auto tags = hn::BitCast(Tags(), hn::Load(d, fragment + kTag * kPatchPixels));
+    const auto step = hn::And(hn::ShiftRight<kSpacingShift>(tags), hn::Set(Tags(), kStepMask));
+    const V least = hn::GatherIndex(d, tile.covering_weight, hn::BitCast(di, step));
+    nearest = hn::IfThenElse(covers<kOpaqueSplats>(weight, alpha, least),
+                             hn::Max(nearest, hn::Div(depth, weight)), nearest);
+    nearest = hn::IfThenElse(covers_merged(fragment, weight), hn::Max(nearest, depth), nearest);
+  }
+  return nearest;
+}
+
+template <bool kOpaqueSplats>
+void find_covering_depths(const TileABuffer& tile, float* depth) {
+  for (std::size_t pixel = 0; pixel < kTilePixels; pixel += hn::MaxLanes(D())) {
+    hn::StoreU(covering_depth<kOpaqueSplats>(tile, pixel), D(), depth + pixel);
+  }
+}
+
 /// \tparam kClips  Some splats of the tile are cut by half-planes.
 template <bool kNormals, bool kOpaqueSplats, bool kClips>
 class Rasterizer {
@@ -34,13 +71,8 @@ class Rasterizer {
         raster_(job, tile.x0, tile.y0),
         stride_(tile.layout.layer_stride()),
         layers_(tile.layout.layers),
-        full_(hn::Set(D(), tile.edge_weight)) {
-    for (int y = 0; y < kTileSize; ++y) {
-      for (int x = 0; x < kTileSize; ++x) {
-        outside_[tile_pixel(x, y)] = x < tile.width && y < tile.height ? -infinity() : infinity();
-      }
-    }
-  }
+        channels_(tile.layout.channels()),
+        cover_(hn::Set(D(), tile.edge_weight)) {}
 
   void run() {
     for (std::size_t v = 0; v < kVectors && job_.sheets; ++v) {
@@ -52,7 +84,7 @@ class Rasterizer {
       find_hidden();
       least_.reset();
       drawn_ = {begin, end};
-      raster_.for_each_vector(begin, end, hidden_,
+      raster_.for_each_vector(begin, end, hidden_.data(),
                               [&](const PixelSplats& list) HWY_ATTR { draw_all(list); });
     }
     if (job_.sheets) {
@@ -89,34 +121,13 @@ class Rasterizer {
     return largest;
   }
 
-  /// Notes for every pixel the depth of its nearest opaque surface that covers it (minus infinity:
-  /// none), behind which nothing is seen.
   void find_hidden() {
-    const D d;
     if (job_.replay) {
-      std::fill_n(hidden_, kTilePixels, job_.replay->hidden);
-      return;
+      hidden_.fill(job_.replay->hidden);
+    } else {
+      find_covering_depths<kOpaqueSplats>(tile_, hidden_.data());
+      hidden_ = hidden_in_patches(tile_, hidden_);
     }
-    for (std::size_t pixel = 0; pixel < kTilePixels; pixel += hn::Lanes(d)) {
-      V hidden = hn::Load(d, outside_ + pixel);
-      for (int layer = 0; layer < tile_.layout.layers; ++layer) {
-        const float* fragment = tile_.fragment(layer, pixel);
-        const V weight = hn::Load(d, fragment + kWeight * kPatchPixels);
-        const V depth = hn::Load(d, fragment + kDepth * kPatchPixels);
-        const V alpha = hn::Load(d, fragment + kAlpha * kPatchPixels);
-        hidden = hn::IfThenElse(covers<kOpaqueSplats>(weight, alpha, full_),
-                                hn::Max(hidden, hn::Div(depth, weight)), hidden);
-        hidden = hn::IfThenElse(covers_merged(fragment, weight), hn::Max(hidden, depth), hidden);
-      }
-      hn::Store(hidden, d, hidden_ + pixel);
-    }
-  }
-
-  /// Merged fragments through which nothing is seen.
-  static M covers_merged(const float* fragment, V weight) {
-    const D d;
-    return hn::And(hn::Lt(weight, hn::Zero(d)),
-                   hn::Ge(hn::Load(d, fragment + kAlpha * kPatchPixels), hn::Set(d, kOpaqueAlpha)));
   }
 
   /// What is added to a vector of pixels.
@@ -197,7 +208,7 @@ class Rasterizer {
     const D d;
     const float* const from = sums_of(sheet) + pixel % kPatchPixels;
     const FragmentSums<kNormals, kOpaqueSplats> sums(from);
-    const V hidden = hn::Load(d, hidden_ + pixel);
+    const V hidden = hn::Load(d, hidden_.data() + pixel);
     const M drawn = hn::Gt(sums.weight, hn::Zero(d));
     const V each = hn::Div(hn::Set(d, 1.0F), sums.weight);
     const V depth = hn::Mul(sums.depth, each);
@@ -206,7 +217,7 @@ class Rasterizer {
     V rho = hn::IfThenElseZero(seen, sums.weight);
     for (int which = 0; which < layers_; ++which) {
       if (is_zero(rho)) return;
-      Layer layer(tile_.fragment(which, pixel), full_);
+      Layer layer(tile_.fragment(which, pixel), channels_, cover_);
       const V left = layer.take(rho, depth, epsilon, sheet.tag, sums);
       if (layer.joined()) layer.store();
       rho = left;
@@ -379,7 +390,7 @@ class Rasterizer {
   using Layers = std::uint64_t;
   static_assert(kMostLayers <= std::numeric_limits<Layers>::digits);
 
-  /// Layers that may take, or hide, a contribution that is not nearer than `reach`: not the layers
+  /// Layers that may take a contribution that is not nearer than `reach`: not the layers
   /// that have been merged, nor layers that lie in front of it everywhere.
   Layers open_layers(std::size_t pixel, float reach) const {
     const D d;
@@ -389,11 +400,9 @@ class Rasterizer {
       const float* fragment = tile_.fragment(layer, pixel);
       const V weight = hn::Load(d, fragment + kWeight * kPatchPixels);
       const V depth = hn::Load(d, fragment + kDepth * kPatchPixels);
-      const V alpha = hn::Load(d, fragment + kAlpha * kPatchPixels);
-      // Not a number where the layer is free and the reach infinite.
-      const M beyond = hn::Lt(hn::Mul(hn::Set(d, reach), weight), depth);
-      const M takes = hn::AndNot(beyond, hn::Ge(weight, zero));
-      if (hn::AllFalse(d, hn::Or(takes, covers<kOpaqueSplats>(weight, alpha, full_)))) continue;
+      const M beyond =
+          hn::And(hn::Gt(weight, zero), hn::Lt(hn::Mul(hn::Set(d, reach), weight), depth));
+      if (hn::AllFalse(d, hn::AndNot(beyond, hn::Ge(weight, zero)))) continue;
       open |= Layers{1} << layer;
     }
     return open;
@@ -431,8 +440,8 @@ class Rasterizer {
     const V x = list.x;
     const V y = list.y;
     const V cutoff = hn::Set(d, job_.rules->cutoff);
-    const V hidden = hn::Load(d, hidden_ + list.pixel);
-    Layer layer(tile_.fragment(which, list.pixel), full_);
+    const V hidden = hn::Load(d, hidden_.data() + list.pixel);
+    Layer layer(tile_.fragment(which, list.pixel), channels_, cover_);
     FragmentCounter fragments;
     std::size_t left = 0;
     for (; begin < end; ++begin) {
@@ -480,7 +489,7 @@ class Rasterizer {
                                      std::size_t count) const {
     const Splat* const splats = job_.splats;
     for (; open != 0 && count > 0; open &= open - 1) {
-      Layer layer(tile_.fragment(std::countr_zero(open), pixel), full_);
+      Layer layer(tile_.fragment(std::countr_zero(open), pixel), channels_, cover_);
       std::size_t left = 0;
       for (std::size_t i = 0; i < count; ++i) {
         // Field by field: as a whole it would go through memory once more.
@@ -553,8 +562,11 @@ class Rasterizer {
       open = hn::And(open, hn::Gt(hn::Mul(depth, weight), weighted_depth));
       if (hn::AllFalse(d, open)) return open;
     }
-    // A contribution that nobody sees is not worth merging two surfaces for.
+    // A contribution that nobody sees, or that something covers, is not worth merging two surfaces
+    // for.
     open = hn::And(open, hn::Ge(rho, hn::Set(d, least)));
+    open = hn::And(open, hn::Ge(depth, covering_depth<kOpaqueSplats>(tile_, pixel)));
+    if (hn::AllFalse(d, open)) return open;
     open = add_to_merged(pixel, open, c, fragment_at);
     if (hn::AllFalse(d, open)) return open;
     HWY_ALIGN float depths[kTileSize];
@@ -612,13 +624,13 @@ class Rasterizer {
   const KernelRaster raster_;
   const std::size_t stride_;
   const int layers_;
-  const V full_;
+  const int channels_;
+  const V cover_;
   std::pair<std::size_t, std::size_t> drawn_{0, 0};  ///< Range of the order that is being drawn.
   std::optional<float> least_;                       ///< See least_to_merge().
   LaneSums<D, kPatchPixels> late_weight_;
   std::uint32_t next_sheet_[kVectors];  ///< Of every vector of pixels, the sheet to draw next.
-  HWY_ALIGN float hidden_[kTilePixels];
-  HWY_ALIGN float outside_[kTilePixels];  ///< Infinity outside of the picture: hidden for good.
+  alignas(64) PixelDepths hidden_;      ///< Behind these nothing is seen.
 };
 
 }  // namespace
@@ -638,6 +650,11 @@ void rasterize_tile_simd(const TileJob& job, TileABuffer& tile) {
   job.clips ? rasterize<true>(job, tile) : rasterize<false>(job, tile);
 }
 
+void find_covering_simd(const TileABuffer& tile, float* depth) {
+  tile.layout.opaque ? find_covering_depths<true>(tile, depth)
+                     : find_covering_depths<false>(tile, depth);
+}
+
 }  // namespace HWY_NAMESPACE
 }  // namespace surfel
 HWY_AFTER_NAMESPACE();
@@ -646,9 +663,86 @@ HWY_AFTER_NAMESPACE();
 namespace surfel {
 
 HWY_EXPORT(rasterize_tile_simd);
+HWY_EXPORT(find_covering_simd);
 
 void rasterize_tile(const TileJob& job, TileABuffer& tile) {
   HWY_DYNAMIC_DISPATCH(rasterize_tile_simd)(job, tile);
+}
+
+namespace {
+
+PixelDepths covering_depths(const TileABuffer& tile) {
+  PixelDepths depths;
+  HWY_DYNAMIC_DISPATCH(find_covering_simd)(tile, depths.data());
+  return depths;
+}
+
+/// TileABuffer::hidden_behind() of the pixels from (x0, y0) to (x1, y1), those left out that are
+/// not of the tile or not of the picture.
+float hidden_within(const TileABuffer& tile, const PixelDepths& covering, int x0, int y0, int x1,
+                    int y1) {
+  float nearest = -std::numeric_limits<float>::infinity();
+  float farthest = -nearest;
+  for (int x = std::max(0, x0); x <= std::min(x1, tile.width - 1); ++x) {
+    for (int y = std::max(0, y0); y <= std::min(y1, tile.height - 1); ++y) {
+      const float depth = covering[static_cast<std::size_t>(tile_pixel(x, y))];
+      nearest = std::max(nearest, depth);
+      farthest = std::min(farthest, depth);
+    }
+  }
+  return tile.hidden_behind(nearest, farthest);
+}
+
+}  // namespace
+
+PixelDepths hidden_in_patches(const TileABuffer& tile, const PixelDepths& covering) {
+  constexpr float kInfinity = std::numeric_limits<float>::infinity();
+  const auto is_inside = [&](int pixel) {
+    return tile_pixel_x(pixel) < tile.width && tile_pixel_y(pixel) < tile.height;
+  };
+  const bool whole = is_inside(kTilePixels - 1);
+  PixelDepths hidden;
+  for (int first = 0; first < kTilePixels; first += kPatchPixels) {
+    float nearest = -kInfinity;
+    float farthest = kInfinity;
+    for (int pixel = first; pixel < first + kPatchPixels; ++pixel) {
+      if (!whole && !is_inside(pixel)) continue;
+      const float depth = covering[static_cast<std::size_t>(pixel)];
+      nearest = std::max(nearest, depth);
+      farthest = std::min(farthest, depth);
+    }
+    std::fill_n(hidden.begin() + first, kPatchPixels, tile.hidden_behind(nearest, farthest));
+  }
+  for (int pixel = 0; pixel < kTilePixels && !whole; ++pixel) {
+    if (!is_inside(pixel)) hidden[static_cast<std::size_t>(pixel)] = kInfinity;
+  }
+  return hidden;
+}
+
+PixelDepths find_hidden(const TileABuffer& tile) {
+  return hidden_in_patches(tile, covering_depths(tile));
+}
+
+void drop_hidden(TileABuffer& tile) {
+  if (tile.layout.layers < 2) return;
+  constexpr int kAround = 2;
+  std::optional<PixelDepths> covering;
+  PixelDepths hidden;
+  for (int pixel = 0; pixel < kTilePixels; ++pixel) {
+    if (tile.at(1, kWeight, pixel) == 0) continue;
+    if (!covering) {
+      covering = covering_depths(tile);
+      hidden = hidden_in_patches(tile, *covering);
+    }
+    const auto place = static_cast<std::size_t>(pixel);
+    drop_behind(tile, pixel, hidden[place], (*covering)[place]);
+    if (tile.at(1, kWeight, pixel) == 0) continue;
+    const int x = tile_pixel_x(pixel);
+    const int y = tile_pixel_y(pixel);
+    const float around =
+        hidden_within(tile, *covering, x - kAround, y - kAround, x + kAround, y + kAround);
+    drop_behind(tile, pixel, around, around);
+  }
 }
 
 }  // namespace surfel

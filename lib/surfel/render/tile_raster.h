@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 
@@ -74,10 +75,23 @@ inline constexpr float kMergingShare = 1e-3F;
 /// kMergingShare of a pixel.
 inline constexpr float kMergingShareOfLargest = 3e-2F;
 
+/// A depth, as Splat::depth, for every pixel of a tile.
+using PixelDepths = std::array<float, kTilePixels>;
+
+/// The depths behind which splats are not drawn: TileABuffer::hidden_behind() of the pixel's patch;
+/// infinity outside of the picture.
+/// \param covering  the nearest surfaces that cover pixels, see covers(); minus infinity: none.
+PixelDepths hidden_in_patches(const TileABuffer& tile, const PixelDepths& covering);
+PixelDepths find_hidden(const TileABuffer& tile);
+
+/// Drops the fragments of a tile that are not seen: behind hidden_in_patches(), as it depends on
+/// how splats come how many of these have been drawn, and behind what goes on around the pixel.
+void drop_hidden(TileABuffer& tile);
+
 /// Adds splats to a tile's A-buffer (SS01 sections 4 and 6): evaluates rho where beta < cutoff, and
 /// for every pixel accumulates it to the fragment of its surface (the same side faces the eye,
-/// depths agree within epsilon) or separates it. Contributions behind an opaque surface that
-/// already covers the pixel are skipped. SIMD over a tile's rows, chosen at run time; exp() is a
+/// depths agree within epsilon) or separates it. Contributions that find_hidden() says are not seen
+/// are skipped. SIMD over a tile's rows, chosen at run time; exp() is a
 /// polynomial of relative error below 3e-6.
 void rasterize_tile(const TileJob& job, TileABuffer& tile);
 
