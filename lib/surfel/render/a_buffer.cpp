@@ -157,9 +157,11 @@ class PixelSurfaces {
       const float depth = front_depth(fragment);
       const float weight = is_merged(fragment) ? kMany : fragment.channel[kWeight];
       int& before = last[shows_front(fragment.channel[kTag]) ? 1 : 0];
-      const bool goes_on = before >= 0 && weight < kWholeSurface * tile.mean_weight &&
-                           surfaces_[before].sum + weight < kSeveralSurfaces * tile.mean_weight &&
-                           surfaces_[before].last - depth <= slab_depth(at(before), fragment);
+      const bool goes_on =
+          before >= 0 &&
+          std::min(weight, surfaces_[before].sum) < kWholeSurface * tile.mean_weight &&
+          surfaces_[before].sum + weight < kSeveralSurfaces * tile.mean_weight &&
+          surfaces_[before].last - depth <= slab_depth(at(before), fragment);
       if (!goes_on) {
         surfaces_[i] = {
             depth, 0, {{-kInfinity, {}}, {kInfinity, {}}}, {{kInfinity, {}}, {kInfinity, {}}}};
