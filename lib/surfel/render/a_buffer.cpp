@@ -700,6 +700,22 @@ float TileABuffer::hidden_behind(float nearest, float farthest) const {
   return farthest - kBeyond * slope - kDeeper * (shader ? shader->pixel_depth(farthest) : 0);
 }
 
+bool replace_back(TileABuffer& tile, int pixel, const Fragment& fresh, float depth) {
+  if (!shows_front(fresh.channel[kTag])) return false;
+  int place = -1;
+  float farthest = depth;
+  for (int layer = 0; layer < tile.layout.layers; ++layer) {
+    const float weight = tile.at(layer, kWeight, pixel);
+    if (!(weight > 0) || shows_front(tile.at(layer, kTag, pixel))) continue;
+    const float at = tile.at(layer, kDepth, pixel) / weight;
+    if (!(at < farthest)) continue;
+    farthest = at;
+    place = layer;
+  }
+  if (place >= 0) store(tile, place, pixel, fresh);
+  return place >= 0;
+}
+
 void drop_behind(TileABuffer& tile, int pixel, float depth, float backs) {
   int kept = 0;
   int layer = 0;

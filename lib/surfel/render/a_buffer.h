@@ -269,6 +269,12 @@ void insert_by_merging(TileABuffer& tile, int pixel, const Fragment& fresh, floa
 /// Does a fragment, its edges aside, hide what lies behind it?
 bool covers(const TileABuffer& tile, const Fragment& fragment);
 
+/// Puts a fragment that shows its front, for which there is no layer, in the place of the farthest
+/// one that shows its back and lies behind a depth: that is the far side of a body. False if there
+/// is none.
+/// \param depth  of a surface that covers the pixel.
+bool replace_back(TileABuffer& tile, int pixel, const Fragment& fresh, float depth);
+
 /// Drops the fragments of a pixel that lie behind a depth, and the unmerged ones that show their
 /// backs and lie behind the depth `backs`.
 void drop_behind(TileABuffer& tile, int pixel, float depth, float backs);

@@ -31,6 +31,14 @@ bool lie_in_planes(const SurfelColumns& c, std::size_t count) {
   return pairs > 0 && static_cast<float>(in_plane) >= kLeastShare * static_cast<float>(pairs);
 }
 
+/// Pairs of surfels that follow one another.
+struct Bends {
+  float turned = 0;         ///< Sum of the angles between their normals, radians ...
+  float along = 0;          ///< ... and of their distances.
+  std::size_t count = 0;    ///< How many there are.
+  std::size_t crossed = 0;  ///< How many lie on different sides of each other's planes.
+};
+
 /// How even the surface is that most of a cluster's surfels are of. Surfels that follow one another
 /// are near to each other in space, and most such pairs are of one surface, also where several
 /// surfaces cross or lie close.
@@ -44,13 +52,12 @@ Unevenness measure_unevenness(const SurfelColumns& c, std::size_t count) {
   // slope that differs by more than this tells that they are of different surfaces, or of a rough
   // one.
   constexpr float kMostSlope = 1e-3F;
-  // So much samples turn from one to the next at creases, and where surfaces cross, radians.
+  // By so much samples turn from one to the next at folds, and where surfaces cross, radians.
   constexpr float kMostTurn = 0.25F;
   std::array<float, kMostSamples> off;
   std::size_t samples = 0;
-  std::size_t smooth = 0;
-  float turned = 0;
-  float along = 0;
+  Bends smooth;
+  Bends sharp;
   const std::size_t step = (count + kMostSamples - 1) / kMostSamples;
   for (std::size_t i = 0; i + 1 < count; i += step) {
     // A scan that is there twice has its points in pairs, which tell nothing.
@@ -63,14 +70,21 @@ Unevenness measure_unevenness(const SurfelColumns& c, std::size_t count) {
     const float distance = offset.norm();
     const float turn = (next - n).norm();
     off[samples] = std::abs((n + next).dot(offset)) / 2;
-    if (turn < kMostTurn && off[samples] <= (turn / 2 + kMostSlope) * distance) {
-      ++smooth;
-      turned += turn;
-      along += distance;
+    if (off[samples] <= (turn / 2 + kMostSlope) * distance) {
+      Bends& bends = turn < kMostTurn ? smooth : sharp;
+      bends.turned += turn;
+      bends.along += distance;
+      ++bends.count;
+      // At a fold the two surfels are on the same side of each other's planes.
+      bends.crossed += n.dot(offset) * next.dot(offset) > 0 ? 1 : 0;
     }
     ++samples;
   }
-  if (samples == 0 || smooth * 4 < samples) return {};
+  if (samples == 0) return {};
+  // Where surfaces cross, a surfel is as often before as behind the plane of another surface's.
+  const bool crossing = 4 * sharp.crossed > sharp.count && 4 * smooth.count > samples;
+  const float turned = smooth.turned + (crossing ? 0 : sharp.turned);
+  const float along = smooth.along + (crossing ? 0 : sharp.along);
   const auto quarter = off.begin() + static_cast<std::ptrdiff_t>(samples / 4);
   std::nth_element(off.begin(), quarter, off.begin() + static_cast<std::ptrdiff_t>(samples));
   return {along > 0 ? kMostBend * turned / along : 0.0F, kRoughByQuarter * *quarter};

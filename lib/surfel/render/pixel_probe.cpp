@@ -17,11 +17,15 @@ constexpr float kNothingHidden = -kNowhere;
 
 constexpr std::array<FragmentChannel, 3> kColorChannels{kRed, kGreen, kBlue};
 
-/// Does one of a pixel's fragments cover what lies at a depth?
-bool is_covered(const TileABuffer& tile, const std::vector<Fragment>& fragments, float depth) {
-  return std::any_of(fragments.begin(), fragments.end(), [&](const Fragment& fragment) {
-    return covers(tile, fragment) && front_depth(fragment) > depth;
-  });
+/// The depth of the nearest of a pixel's fragments that cover it, if it is nearer than `depth`.
+std::optional<float> depth_before(const TileABuffer& tile, const std::vector<Fragment>& fragments,
+                                  float depth) {
+  std::optional<float> nearest;
+  for (const Fragment& fragment : fragments) {
+    const float at = front_depth(fragment);
+    if (covers(tile, fragment) && at > nearest.value_or(depth)) nearest = at;
+  }
+  return nearest;
 }
 
 Vec3f straight(const float* red, double alpha) {
@@ -339,11 +343,16 @@ bool PixelProbe::add_without_layer(Replay& r, const Event& event) {
     set_fate(event.members, SplatFate::kTooLittle);
     return false;
   }
-  if (is_covered(r.state, before, event.depth)) {
+  const std::vector<float> patch = patch_copy(r.state);
+  if (const std::optional<float> covering = depth_before(r.state, before, event.depth)) {
+    const auto replace = [&](TileABuffer& tile, const Fragment& fresh) {
+      replace_back(tile, pixel_, fresh, *covering);
+    };
+    if (r.state.layout.opaque) replace(r.state, event.fresh);
+    if (settle(r, event, patch, before, replace)) return true;
     set_fate(event.members, SplatFate::kHidden);
     return false;
   }
-  const std::vector<float> patch = patch_copy(r.state);
   for (std::size_t layer = 0; layer < before.size(); ++layer) {
     const Fragment& fragment = before[layer];
     if (!is_merged(fragment)) continue;
@@ -406,7 +415,7 @@ void PixelProbe::replay_sheet(Replay& r, const SheetPatch& sheet) {
 }
 
 SplatFate PixelProbe::why_dropped(const Replay& r, const Layers& layers, const Event& event) {
-  if (is_covered(r.state, layers, event.depth)) return SplatFate::kHidden;
+  if (depth_before(r.state, layers, event.depth)) return SplatFate::kHidden;
   if (r.state.layout.layers == 1) return SplatFate::kReplaced;
   return event.rho() < r.least_to_merge ? SplatFate::kTooLittle : SplatFate::kTooLate;
 }

@@ -565,16 +565,29 @@ class Rasterizer {
     // A contribution that nobody sees, or that something covers, is not worth merging two surfaces
     // for.
     open = hn::And(open, hn::Ge(rho, hn::Set(d, least)));
-    open = hn::And(open, hn::Ge(depth, covering_depth<kOpaqueSplats>(tile_, pixel)));
-    if (hn::AllFalse(d, open)) return open;
+    const V covering = covering_depth<kOpaqueSplats>(tile_, pixel);
+    const M covered = hn::And(open, hn::Lt(depth, covering));
+    M made = hn::FirstN(d, 0);
+    if (kOpaqueSplats && !hn::AllFalse(d, covered)) {
+      HWY_ALIGN float depths[kTileSize];
+      HWY_ALIGN float replaced[kTileSize] = {};
+      hn::Store(covering, d, depths);
+      for_each_lane(covered, [&](std::size_t lane) {
+        const int at = static_cast<int>(pixel + lane);
+        replaced[lane] = replace_back(tile_, at, fragment_at(lane), depths[lane]) ? 1.0F : 0.0F;
+      });
+      made = hn::Ne(hn::Load(d, replaced), hn::Zero(d));
+    }
+    open = hn::AndNot(covered, open);
+    if (hn::AllFalse(d, open)) return made;
     open = add_to_merged(pixel, open, c, fragment_at);
-    if (hn::AllFalse(d, open)) return open;
+    if (hn::AllFalse(d, open)) return made;
     HWY_ALIGN float depths[kTileSize];
     hn::Store(depth, d, depths);
     for_each_lane(merge(open), [&](std::size_t lane) {
       insert_by_merging(tile_, static_cast<int>(pixel + lane), fragment_at(lane), depths[lane]);
     });
-    return open;
+    return hn::Or(open, made);
   }
 
   /// Treats contributions that come after their surface has been merged: behind an opaque pair they
