@@ -613,14 +613,31 @@ class Resolver {
   PixelResult result_;
 };
 
+/// Lets a pixel's surfaces cover it in the shares that they have. Where they end EdgeCoverage knows
+/// by what part of the pixel; elsewhere nothing shows through, though surfaces behind an edge may
+/// not have been drawn.
+void cover(PixelResult& result) {
+  if (!(result.opacity > 0)) return;
+  const float scale = 1 / result.opacity;
+  for (float* const c : {&result.color.red, &result.color.green, &result.color.blue}) *c *= scale;
+  result.color.alpha = result.opacity = 1;
+}
+
 /// \param seen  the fragments of a pixel in the picture, nearest first; gets reordered.
 PixelResult resolve(const TileABuffer& tile, int x, int y, std::span<SeenFragment> seen,
                     const Fragment& rest) {
   order_by_sight(seen);
   share_by_sums(tile, seen);
   Resolver resolver(tile, x, y);
-  for (const SeenFragment& fragment : seen) resolver.add(fragment);
-  return resolver.finish(rest);
+  std::array<float, 2> sums{};  // By side.
+  for (const SeenFragment& fragment : seen) {
+    resolver.add(fragment);
+    const float* const c = fragment.fragment->channel;
+    sums[shows_front(c[kTag]) ? 1 : 0] += std::max(0.0F, c[kWeight]);
+  }
+  PixelResult result = resolver.finish(rest);
+  if (tile.edges_later && std::max(sums[0], sums[1]) >= tile.edge_weight) cover(result);
+  return result;
 }
 
 /// Layers of a pixel in use, nearest first.
