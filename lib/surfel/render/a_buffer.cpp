@@ -613,9 +613,9 @@ class Resolver {
   PixelResult result_;
 };
 
-/// Lets a pixel's surfaces cover it in the shares that they have. Where they end EdgeCoverage knows
-/// by what part of the pixel; elsewhere nothing shows through, though surfaces behind an edge may
-/// not have been drawn.
+/// Lets a pixel's surfaces cover it in the shares that they have. Where they end, but for lines,
+/// EdgeCoverage knows what part of the pixel they cover; elsewhere nothing shows through, though
+/// surfaces behind an edge may not have been drawn.
 void cover(PixelResult& result) {
   if (!(result.opacity > 0)) return;
   const float scale = 1 / result.opacity;
@@ -630,13 +630,16 @@ PixelResult resolve(const TileABuffer& tile, int x, int y, std::span<SeenFragmen
   share_by_sums(tile, seen);
   Resolver resolver(tile, x, y);
   std::array<float, 2> sums{};  // By side.
+  bool cut = false;
   for (const SeenFragment& fragment : seen) {
     resolver.add(fragment);
     const float* const c = fragment.fragment->channel;
     sums[shows_front(c[kTag]) ? 1 : 0] += std::max(0.0F, c[kWeight]);
+    cut = cut || (tile.layout.clips && !is_merged(*fragment.fragment) && c[kCutPartial] > 0);
   }
   PixelResult result = resolver.finish(rest);
-  if (tile.edges_later && std::max(sums[0], sums[1]) >= tile.edge_weight) cover(result);
+  const bool whole = std::max(sums[0], sums[1]) >= tile.edge_weight;
+  if (tile.edges_later && whole && !cut) cover(result);
   return result;
 }
 
