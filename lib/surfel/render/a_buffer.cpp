@@ -629,17 +629,16 @@ PixelResult resolve(const TileABuffer& tile, int x, int y, std::span<SeenFragmen
   order_by_sight(seen);
   share_by_sums(tile, seen);
   Resolver resolver(tile, x, y);
-  std::array<float, 2> sums{};  // By side.
-  bool cut = false;
+  bool whole = false;  // Is one of them a whole surface, which may end near the pixel?
   for (const SeenFragment& fragment : seen) {
     resolver.add(fragment);
     const float* const c = fragment.fragment->channel;
-    sums[shows_front(c[kTag]) ? 1 : 0] += std::max(0.0F, c[kWeight]);
-    cut = cut || (tile.layout.clips && !is_merged(*fragment.fragment) && c[kCutPartial] > 0);
+    const bool cut = tile.layout.clips && c[kCutPartial] > 0;
+    whole = whole || (!is_merged(*fragment.fragment) && is_filtered(c[kTag]) && !cut &&
+                      c[kWeight] >= tile.edge_weight);
   }
   PixelResult result = resolver.finish(rest);
-  const bool whole = std::max(sums[0], sums[1]) >= tile.edge_weight;
-  if (tile.edges_later && whole && !cut) cover(result);
+  if (tile.edges_later && whole) cover(result);
   return result;
 }
 
