@@ -735,14 +735,20 @@ bool replace_back(TileABuffer& tile, int pixel, const Fragment& fresh, float dep
   return place >= 0;
 }
 
-void drop_behind(TileABuffer& tile, int pixel, float depth, float backs) {
+void drop_behind(TileABuffer& tile, int pixel, float depth, float covering) {
+  for (int layer = 0; layer < tile.layout.layers; ++layer) {
+    const float weight = tile.at(layer, kWeight, pixel);
+    if (!(weight > 0) || tile.at(layer, kDepth, pixel) < covering * weight) continue;
+    const bool cut = tile.layout.clips && tile.at(layer, kCutPartial, pixel) > 0;
+    if (cut || !is_filtered(tile.at(layer, kTag, pixel))) depth = std::max(depth, covering);
+  }
   int kept = 0;
   int layer = 0;
   for (; layer < tile.layout.layers && tile.at(layer, kWeight, pixel) != 0; ++layer) {
     const float weight = tile.at(layer, kWeight, pixel);
     const float sum = tile.at(layer, kDepth, pixel);
     const bool is_back = weight > 0 && !shows_front(tile.at(layer, kTag, pixel));
-    if ((weight < 0 ? sum : sum / weight) < (is_back ? std::max(backs, depth) : depth)) continue;
+    if ((weight < 0 ? sum : sum / weight) < (is_back ? std::max(covering, depth) : depth)) continue;
     if (kept < layer) {
       Fragment fragment;
       load(tile, layer, pixel, fragment);
