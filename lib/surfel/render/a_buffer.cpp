@@ -84,10 +84,13 @@ SeenFragment seen_at(const TileABuffer& tile, const Fragment& fragment, float ed
 /// Fragments cover no less of a pixel, so that their colours can be told.
 constexpr float kLeastCoverage = 1e-6F;
 
-/// May a fragment, one of several in its pixel, be the far side of a body?
+/// May a fragment, one of several in its pixel, be the far side of a body? Where splats are larger
+/// than the pixel filter, only if lines tell that it ends.
 bool may_be_far_side(const TileABuffer& tile, int count, const Fragment& fragment) {
-  return tile.layout.opaque && count > 1 && !is_merged(fragment) &&
-         !shows_front(fragment.channel[kTag]);
+  const float* const c = fragment.channel;
+  const bool may_end = is_filtered(c[kTag]) || (tile.layout.clips && c[kCutPartial] > 0);
+  return tile.layout.opaque && count > 1 && !is_merged(fragment) && may_end &&
+         !shows_front(c[kTag]);
 }
 
 /// Whether a fragment's surface may end near its pixel, so that the pixels around have to be looked
@@ -706,6 +709,7 @@ std::optional<std::pair<int, int>> slabs_of_one(const TileABuffer& tile, const S
 bool covers(const TileABuffer& tile, const Fragment& fragment) {
   const float* const c = fragment.channel;
   if (is_merged(fragment)) return c[kAlpha] >= kOpaqueAlpha;
+  if (tile.layout.clips && c[kCutAway] > kWholeCutAway * c[kWeight]) return false;
   const int step = spacing_step(std::bit_cast<std::uint32_t>(c[kTag]));
   return c[kWeight] >= tile.covering_weight[step] && c[kAlpha] >= c[kWeight] * kOpaqueAlpha;
 }

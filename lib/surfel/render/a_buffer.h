@@ -50,6 +50,9 @@ inline constexpr int kMostLayers = 64;
 /// An opacity from which on nothing behind is seen in 8 bits, with room to spare.
 inline constexpr float kOpaqueAlpha = 0.9995F;
 
+/// Lines that take no more than this share of a surface's sum leave it whole, in 8 bits.
+inline constexpr float kWholeCutAway = 1e-3F;
+
 /// Fragments whose sums of rho together are up to kOneSurface of the mean sum are parts of one
 /// surface; sums of several whole ones are more than kSeveralSurfaces of it.
 inline constexpr float kOneSurface = 1.15F;

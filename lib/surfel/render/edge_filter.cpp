@@ -102,10 +102,14 @@ float EdgeFilter::completed(const Window& window, int step) const {
     const float* const s = window[y + kReach - kTaps].data() + kReach - kTaps;
     rows[y] = complete(step, s[0], s[1], s[2], s[3], s[4]);
   }
+  // The mean kernel has so much of the pixel filter. Beyond it no more is covered than all.
+  constexpr float kUneven = 0.05F;
+  const float own = window[kReach][kReach];
+  const float most = own / inv_mean_ + (1 - 1 / inv_mean_) + kUneven;
+  const float sum = std::min(most, complete(step, rows[0], rows[1], rows[2], rows[3], rows[4]));
   // What is smaller than a pixel would lose what it covers beyond its kernels.
   constexpr float kSmall = 0.3F;
-  const float sum = complete(step, rows[0], rows[1], rows[2], rows[3], rows[4]);
-  return sum < kSmall ? std::max(sum, window[kReach][kReach]) : sum;
+  return sum < kSmall ? std::max(sum, own) : sum;
 }
 
 }  // namespace surfel

@@ -17,7 +17,9 @@ class Continuation {
       : depth_(front_depth(fragment)), front_(shows_front(fragment.channel[kTag])) {}
 
   void offer(float weight, float depth, bool front, int /*step*/) {
-    nearest_ = std::max(nearest_, depth);
+    // A surface's last kernels hide nothing.
+    constexpr float kLittle = 0.05F;
+    if (weight >= kLittle) nearest_ = std::max(nearest_, depth);
     if (front) nearest_front_ = std::max(nearest_front_, depth);
     if (front != front_) return;
     const float distance = std::abs(depth - depth_);

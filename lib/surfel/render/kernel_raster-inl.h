@@ -603,6 +603,11 @@ HWY_INLINE M covers(V weight, V alpha, V full_weight) {
   return hn::And(full, hn::Ge(alpha, hn::Mul(weight, hn::Set(D(), kOpaqueAlpha))));
 }
 
+/// Fragments of which lines take nothing that is seen.
+HWY_INLINE M is_whole(V weight, V cut_away) {
+  return hn::Le(cut_away, hn::Mul(weight, hn::Set(D(), kWholeCutAway)));
+}
+
 /// A layer's fragments in a vector of pixels: the unmerged fragments' sums, and the tags.
 template <bool kNormals, bool kOpaqueSplats, bool kClips = false>
 class FragmentLayer {
@@ -667,7 +672,8 @@ class FragmentLayer {
     add(joins, free);
     if (!kOpaqueSplats || (tag & kFrontTag) != 0) return hn::IfThenZeroElse(joins, rho);
     const M front = hn::RebindMask(d, hn::TestBit(tag_, hn::Set(Tags(), kFrontTag)));
-    const M hides = hn::And(front, hn::Ge(sums_.weight, cover_));
+    M hides = hn::And(front, hn::Ge(sums_.weight, cover_));
+    if constexpr (kClips) hides = hn::And(hides, is_whole(sums_.weight, sums_.cut_away));
     const M hidden = hn::And(hides, hn::Lt(behind, hn::Zero(d)));
     return hn::IfThenZeroElse(hn::Or(joins, hidden), rho);
   }

@@ -47,8 +47,12 @@ HWY_INLINE V covering_depth(const TileABuffer& tile, std::size_t pixel) {
     const auto tags = hn::BitCast(Tags(), hn::Load(d, fragment + kTag * kPatchPixels));
     const auto step = hn::And(hn::ShiftRight<kSpacingShift>(tags), hn::Set(Tags(), kStepMask));
     const V least = hn::GatherIndex(d, tile.covering_weight, hn::BitCast(di, step));
-    nearest = hn::IfThenElse(covers<kOpaqueSplats>(weight, alpha, least),
-                             hn::Max(nearest, hn::Div(depth, weight)), nearest);
+    M covering = covers<kOpaqueSplats>(weight, alpha, least);
+    if (tile.layout.clips) {
+      const V away = hn::Load(d, fragment + kCutAway * kPatchPixels);
+      covering = hn::And(covering, is_whole(weight, away));
+    }
+    nearest = hn::IfThenElse(covering, hn::Max(nearest, hn::Div(depth, weight)), nearest);
     nearest = hn::IfThenElse(covers_merged(fragment, weight), hn::Max(nearest, depth), nearest);
   }
   return nearest;
