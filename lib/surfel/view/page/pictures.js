@@ -18,16 +18,44 @@ void main() {
 }
 `;
 
+/**
+ * What a layer covers: pixels of their own where splats are larger than the pixel filter or cut by lines, else pixels
+ * around which it goes on.
+ */
+const kCovers = `
+uniform sampler2D u_means, u_away;
+uniform float u_full, u_mean, u_edge_weight;
+uniform bool u_opaque, u_cut;
+uniform ivec2 u_last;
+float steps_at(vec4 sums) { return u_opaque && sums.z > 0.0 ? sums.w / sums.z : 0.0; }
+// covers()
+bool covers_pixel(ivec2 at, vec4 sums) {
+  if (u_cut && texelFetch(u_away, at, 0).x > 1e-3 * sums.x) return false;
+  float steps = steps_at(sums);
+  float least = steps < 3.0 - 1e-3 ? u_edge_weight : max(u_full, least_inside(int(steps + 1e-3)) * u_mean);
+  return sums.x >= least && (u_opaque || sums.z >= 0.9995 * sums.x);
+}
+bool covers(ivec2 at) {
+  vec4 sums = texelFetch(u_means, at, 0);
+  if (!covers_pixel(at, sums)) return false;
+  if (steps_at(sums) >= 7.0 / 3.0) return true;
+  for (int y = -2; y <= 2; ++y) {
+    for (int x = -2; x <= 2; ++x) {
+      ivec2 other = clamp(at + ivec2(x, y), ivec2(0), u_last);
+      if (!covers_pixel(other, texelFetch(u_means, other, 0))) return false;
+    }
+  }
+  return true;
+}
+`;
+
 /** Where the latest layer leaves something of the pixel to what is behind it, as far as that is known. */
-export const kOpenFragment = `${kHead}
-uniform sampler2D u_nearest, u_means;
-uniform float u_edge_weight;
-uniform bool u_opaque, u_summed;
+export const kOpenFragment = `${kHead}${kEdges}${kCovers}
+uniform sampler2D u_nearest;
+uniform bool u_summed;
 void main() {
   ivec2 at = ivec2(gl_FragCoord.xy);
-  vec3 sums = texelFetch(u_means, at, 0).xyz;
-  bool covers = u_summed && sums.x >= u_edge_weight && (u_opaque || sums.z >= 0.9995 * sums.x);
-  if (texelFetch(u_nearest, at, 0).y == 0.0 || covers) discard;
+  if (texelFetch(u_nearest, at, 0).y == 0.0 || (u_summed && covers(at))) discard;
 }
 `;
 
@@ -47,20 +75,14 @@ void main() {
 `;
 
 /** Whether there are open pixels among 8 x 8. */
-export const kTilesFragment = `${kHead}
-uniform sampler2D u_means;
-uniform float u_edge_weight;
-uniform bool u_opaque;
-uniform ivec2 u_last;
+export const kTilesFragment = `${kHead}${kEdges}${kCovers}
 layout(location = 0) out float open;
 void main() {
   open = 0.0;
   for (int y = 0; y < 8; ++y) {
     for (int x = 0; x < 8; ++x) {
       ivec2 at = min(ivec2(gl_FragCoord.xy) * 8 + ivec2(x, y), u_last);
-      vec3 sums = texelFetch(u_means, at, 0).xyz;
-      bool covers = sums.x >= u_edge_weight && (u_opaque || sums.z >= 0.9995 * sums.x);
-      if (sums.x > 0.0 && !covers) open = 1.0;
+      if (texelFetch(u_means, at, 0).x > 0.0 && !covers(at)) open = 1.0;
     }
   }
 }
@@ -200,7 +222,7 @@ float continued(Layer l, ivec2 at) {
   float nearest = kFar;
   for (int i = 0; i < 4; ++i) {
     if (weight[i] == 0.0) continue;
-    nearest = max(nearest, depth[i]);
+    if (abs(weight[i]) >= 0.05) nearest = max(nearest, depth[i]);
     if (weight[i] > 0.0) nearest_front = max(nearest_front, depth[i]);
     float distance = abs(depth[i] - l.depth);
     if (weight[i] * side > 0.0 && distance < least) {
@@ -299,7 +321,9 @@ vec2 edge_of(int surface, bool front, int step) {
       sum += u_completing[step][abs(x)] * u_completing[step][abs(y)] * sum_around(surface, front, ivec2(x, y));
     }
   }
-  if (sum < 0.3) sum = max(sum, sum_around(surface, front, ivec2(0)));
+  float own = sum_around(surface, front, ivec2(0));
+  sum = min(sum, own * u_mean + 1.05 - u_mean);
+  if (sum < 0.3) sum = max(sum, own);
   return vec2(degree, coverage_of(sum, u_completing[step].w));
 }
 
@@ -350,7 +374,7 @@ bool is_plain() {
     bool part = l.weight < full_weight(l);
     bool grazing = (l.flags & 4) != 0;
     bool loose = part || grazing;
-    if (is_filtered(l) && (l.weight < u_edge_weight || (total < 1.35 * u_mean && l.weight < u_mean))) return false;
+    if (is_filtered(l) && (i + 1 < count || l.weight < u_edge_weight || (total < 1.35 * u_mean && l.weight < u_mean))) return false;
     if (beside_line && (is_cut(l) || !is_front(l))) return false;
     if (is_front(l) ? loose_back && loose : l.weight < u_edge_weight || (grazing && (!part || rim))) return false;
     if (!part) return true;
@@ -362,7 +386,8 @@ bool is_plain() {
 }
 
 void find_edges() {
-  bool hidden = u_opaque && count > 1 && is_plain();
+  bool plain = u_opaque && count > 1 && is_plain();
+  bool hidden = plain;
   vec2 edges[4];
   float open[4];
   bool known[4] = bool[4](false, false, false, false);
@@ -370,10 +395,11 @@ void find_edges() {
   for (int i = 0; i < count; ++i) {
     Layer l = layers[i];
     // Opacities of single opaque surfaces are found later.
-    bool may_end = u_layers > 1 && !hidden && !(u_opaque && i + 1 == count && !is_cut(l)) &&
-                   l.weight < (u_opaque ? u_edge_weight : 1.15 * u_mean) && is_filtered(l);
-    bool may_be_far = u_layers > 1 && !hidden && u_opaque && count > 1 && !is_front(l);
-    hidden = hidden || (u_opaque && l.weight >= u_edge_weight && is_front(l));
+    bool last = i + 1 == count;
+    bool partial = !(u_opaque && !is_cut(l)) && l.weight < (u_opaque ? u_edge_weight : 1.15 * u_mean);
+    bool may_end = u_layers > 1 && !hidden && is_filtered(l) && (last || !u_opaque ? partial : true);
+    bool may_be_far =
+        u_layers > 1 && !plain && u_opaque && count > 1 && !is_front(l) && (is_filtered(l) || is_cut(l));
     layers[i].one_body = false;
     if (may_be_far) look_around(layers[i]);
     int surface = surface_of[i];
@@ -384,13 +410,15 @@ void find_edges() {
     }
     if (may_end) layers[i].edge = layers[i].far ? 1.0 : edges[surface].x;
     layers[i].cover = min(1.0, l.weight / full_weight(layers[i]));
-    if (!may_end || is_cut(l) || edges[surface].x == 0.0) continue;
-    // Layers of one surface share what it covers.
-    float part = edges[surface].y * l.weight / surface_sum[surface];
-    float cover = open[surface] > 0.0 ? min(1.0, part / open[surface]) : 1.0;
-    open[surface] -= part;
-    float inside = min(1.0, l.weight / u_full);
-    layers[i].cover = max(1e-6, inside + layers[i].edge * (cover - inside));
+    if (may_end && !is_cut(l) && edges[surface].x > 0.0) {
+      // Layers of one surface share what it covers.
+      float part = edges[surface].y * l.weight / surface_sum[surface];
+      float cover = open[surface] > 0.0 ? min(1.0, part / open[surface]) : 1.0;
+      open[surface] -= part;
+      float inside = min(1.0, l.weight / u_full);
+      layers[i].cover = max(1e-6, inside + layers[i].edge * (cover - inside));
+    }
+    hidden = hidden || (u_opaque && layers[i].cover >= 0.9 && is_front(l));
   }
 }
 
@@ -509,6 +537,7 @@ void main() {
   float after = 1.0;
   float one_body = 0.0;
   int last_front = -1;
+  bool whole = false;
   vec4 front_color = vec4(0);
   for (int i = 0; i < count; ++i) {
     Layer l = layers[i];
@@ -548,7 +577,9 @@ void main() {
       shown = is_cut(l) && beside < all ? shown * beside : mixed;
     }
     color += transmitted * shown;
+    whole = whole || (is_part(l) && l.weight >= u_edge_weight);
   }
+  if (u_opaque && whole && color.a > 0.0) color /= color.a;  // cover()
 #else
   Layer l = layers[0];
   color = min(1.0, l.weight / u_full) * l.alpha * vec4(shade(l), 1);

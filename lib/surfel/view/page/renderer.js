@@ -173,9 +173,10 @@ export class Renderer {
     this.layers = Array.from({ length: this.mostLayers(width * height) }, () => {
       const layer = { nearest: make(gl.RGBA32F) };
       for (const name of ['means', 'colors', 'normals']) layer[name] = make(this.sumFormat);
-      if (this.clips) layer.cuts = make(this.sumFormat);
+      for (const name of this.clips ? ['cuts', 'away'] : []) layer[name] = make(this.sumFormat);
       layer.visibility = this.target([layer.nearest], this.depth);
-      layer.mean = this.target([layer.means], this.depth);
+      // By whether half-planes cut surfels.
+      layer.mean = [[layer.means], [layer.means, layer.away]].slice(0, this.clips ? 2 : 1).map((to) => this.target(to, this.depth));
       return layer;
     });
     // By whether half-planes cut surfels, the first layer and their number.
@@ -199,7 +200,7 @@ export class Renderer {
       return { texture, frame: this.target([texture]) };
     });
     this.frames = [
-      ...this.layers.flatMap((l) => [l.visibility, l.mean]), ...this.attributes.flat(2), this.tiled, this.paired, this.composed,
+      ...this.layers.flatMap((l) => [l.visibility, ...l.mean]), ...this.attributes.flat(2), this.tiled, this.paired, this.composed,
       ...this.planes.map((p) => p.frame),
     ];
   }
@@ -244,6 +245,7 @@ export class Renderer {
     uniforms.u_far = this.far;
     uniforms.u_depth_scale = uniforms.u_ortho ? 1 / (this.far - Math.min(0, drawn.nearest)) : drawn.nearest;
     const layers = Math.min(view.layers, this.layers.length);
+    const clips = cloud.clips !== null;
     for (let i = 0; i < 4; ++i) {
       const layer = this.layers[Math.min(i, this.layers.length - 1)];
       uniforms[`u_nearest${i + 1}`] = layer.nearest;
@@ -251,12 +253,13 @@ export class Renderer {
       uniforms[`u_colors${i + 1}`] = layer.colors;
       uniforms[`u_normals${i + 1}`] = layer.normals;
       uniforms[`u_cuts${i + 1}`] = layer.cuts;
+      uniforms[`u_away${i + 1}`] = clips && layers > 1 && i < kMeans ? layer.away : this.nothing;
     }
     uniforms.u_layers = layers;
+    uniforms.u_cut = clips;
     // Without other surfaces behind discs end at their lines.
     uniforms.u_least_clip = layers > 1 ? kLeastClip : 0;
     this.putList(drawn);
-    const clips = cloud.clips !== null;
     for (let i = 0; i < layers; ++i) this.findLayer(i, layers, drawn, uniforms, this.splats(clips));
     this.sumLayers(layers, drawn, uniforms, clips);
     this.fill(this.surfaces, this.paired, uniforms);
@@ -366,7 +369,7 @@ export class Renderer {
     const layer = this.layers[number];
     const values = { ...uniforms, u_layer: number, u_nearest: layer.nearest, u_takes_rest: number > 0 && number + 1 === layers, };
     // No texture may be read while it is drawn into.
-    for (let i = number; i < 4; ++i) values[`u_nearest${i + 1}`] = values[`u_means${i + 1}`] = this.nothing;
+    for (let i = number; i < 4; ++i) values[`u_nearest${i + 1}`] = values[`u_means${i + 1}`] = values[`u_away${i + 1}`] = this.nothing;
     if (number > 0) this.markOpen(number, uniforms);
     gl.bindFramebuffer(gl.FRAMEBUFFER, layer.visibility);
     gl.clearBufferfv(gl.COLOR, 0, [0, 0, 0, 0]);
@@ -377,8 +380,8 @@ export class Renderer {
     this.drawSplats(programs.nearest, values, drawn);
     gl.disable(gl.DEPTH_TEST);
     if (layers > 1 && number < kMeans) {
-      gl.bindFramebuffer(gl.FRAMEBUFFER, layer.mean);
-      gl.clearBufferfv(gl.COLOR, 0, [0, 0, 0, 0]);
+      gl.bindFramebuffer(gl.FRAMEBUFFER, layer.mean[Number(uniforms.u_cut)]);
+      for (let i = 0; i < (uniforms.u_cut ? 2 : 1); ++i) gl.clearBufferfv(gl.COLOR, i, [0, 0, 0, 0]);
       this.addSplats(programs.mean, values, drawn);
     }
     gl.disable(gl.STENCIL_TEST);
@@ -436,7 +439,7 @@ export class Renderer {
     if (layers === 1) return;
     gl.disable(gl.SCISSOR_TEST);
     gl.viewport(0, 0, ...this.tiles);
-    this.fill(this.findTiles, this.tiled, { ...uniforms, u_means: this.layers[0].means });
+    this.fill(this.findTiles, this.tiled, { ...uniforms, u_means: this.layers[0].means, u_away: this.layers[0].away });
     gl.viewport(0, 0, ...this.size);
     gl.enable(gl.SCISSOR_TEST);
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.composed);
@@ -459,7 +462,7 @@ export class Renderer {
     gl.stencilFunc(gl.EQUAL, number - 1, 255);
     gl.stencilOp(gl.KEEP, gl.KEEP, gl.INCR);
     const summed = number <= kMeans;
-    this.open.use({ ...uniforms, u_nearest: before.nearest, u_means: summed ? before.means : this.nothing, u_summed: summed });
+    this.open.use({ ...uniforms, u_nearest: before.nearest, u_means: summed ? before.means : this.nothing, u_away: before.away, u_summed: summed });
     gl.bindVertexArray(this.noVertices);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
     gl.colorMask(true, true, true, true);

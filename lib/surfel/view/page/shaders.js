@@ -504,38 +504,52 @@ uniform sampler2D u_nearest1, u_nearest2, u_nearest3, u_nearest4;
 uniform sampler2D u_means1, u_means2, u_means3, u_means4;
 uniform float u_edge_weight;
 uniform bool u_opaque;
+#if CLIPS
+uniform sampler2D u_away1, u_away2, u_away3, u_away4;  // What lines cut off.
+#else
+#define u_away1 u_means1
+#define u_away2 u_means2
+#define u_away3 u_means3
+#define u_away4 u_means4
+#endif
 
-struct Found { float depth, weight, alpha; int flags; };
+struct Found { float depth, weight, away; int flags; };
 
 // A layer that has not been summed up yet has its nearest fragment's depth.
-Found found(sampler2D nearest, sampler2D means) {
+Found found(sampler2D nearest, sampler2D means, sampler2D away) {
   ivec2 at = ivec2(gl_FragCoord.xy);
   vec2 first = texelFetch(nearest, at, 0).xy;
   vec3 sums = texelFetch(means, at, 0).xyz;
   Found f;
   f.depth = sums.x > 0.0 ? first.x * (1.0 - sums.y / sums.x) : first.x;
   f.weight = sums.x;
-  f.alpha = u_opaque ? sums.x : sums.z;
+#if CLIPS
+  f.away = texelFetch(away, at, 0).x;
+#else
+  f.away = 0.0;
+#endif
   f.flags = int(first.y);
   return f;
 }
 bool joins(Found f, Sample s) { return ((f.flags ^ int(v_place.w)) & 1) == 0 && s.depth + s.epsilon >= f.depth; }
+// A front that covers the pixel hides the backs behind it.
 bool hides(Found f, Sample s) {
-  return f.weight >= u_edge_weight && f.alpha >= 0.9995 * f.weight && s.depth < f.depth;
+  return u_opaque && (f.flags & 1) != 0 && (int(v_place.w) & 1) == 0 && f.weight >= u_edge_weight &&
+         f.away <= 1e-3 * f.weight && s.depth < f.depth;
 }
 `;
 
 /** Fragments of surfaces that none of the layers before holds or hides. */
 const kBehind = `
 uniform int u_layer;  // Layers before.
-bool keeps(sampler2D nearest, sampler2D means, Sample s) {
-  Found f = found(nearest, means);
+bool keeps(sampler2D nearest, sampler2D means, sampler2D away, Sample s) {
+  Found f = found(nearest, means, away);
   return f.flags == 0 || joins(f, s) || hides(f, s);
 }
 bool is_behind(Sample s) {
-  if (u_layer > 0 && keeps(u_nearest1, u_means1, s)) return false;
-  if (u_layer > 1 && keeps(u_nearest2, u_means2, s)) return false;
-  return u_layer < 3 || !keeps(u_nearest3, u_means3, s);
+  if (u_layer > 0 && keeps(u_nearest1, u_means1, u_away1, s)) return false;
+  if (u_layer > 1 && keeps(u_nearest2, u_means2, u_away2, s)) return false;
+  return u_layer < 3 || !keeps(u_nearest3, u_means3, u_away3, s);
 }
 `;
 
@@ -562,6 +576,9 @@ uniform sampler2D u_nearest;
 uniform bool u_takes_rest;  // The last layer holds all surfaces that are left.
 uniform vec2 u_outweigh;  // Exponent by depth range, and the largest one.
 layout(location = 0) out vec4 means;
+#if CLIPS
+layout(location = 1) out vec4 away;
+#endif
 void main() {
   Sample s = splat();
   if (!(s.beta < u_cutoff)) discard;
@@ -575,6 +592,9 @@ void main() {
     means.z = exp(clamp(u_outweigh.x * (s.center - nearest.x) / nearest.z, -u_outweigh.y, u_outweigh.y));
     means.w = means.z * v_more.z;
   }
+#if CLIPS
+  away = vec4(v_line1.x < 1e17 ? s.amplitude * exp(-s.beta) * (1.0 - left()) * v_line2.w : 0.0, 0, 0, 0);
+#endif
 }
 `;
 
@@ -594,9 +614,9 @@ ${clips ? `layout(location = ${3 * i + 2}) out vec4 cuts${i};` : ''}  // Sums of
 `)}
 int taken = -1;
 bool done = false;
-void offer(int layer, sampler2D nearest, sampler2D means, Sample s) {
+void offer(int layer, sampler2D nearest, sampler2D means, sampler2D away, Sample s) {
   if (done || layer >= u_layers) return;
-  Found f = found(nearest, means);
+  Found f = found(nearest, means, away);
   bool takes = f.flags != 0 && (joins(f, s) || (layer > 0 && layer + 1 == u_layers));
   if (takes) taken = layer - u_from;
   done = takes || f.flags == 0 || hides(f, s);
@@ -604,10 +624,10 @@ void offer(int layer, sampler2D nearest, sampler2D means, Sample s) {
 void main() {
   Sample s = splat();
   if (!(s.beta < u_cutoff)) discard;
-  offer(0, u_nearest1, u_means1, s);
-  offer(1, u_nearest2, u_means2, s);
-  offer(2, u_nearest3, u_means3, s);
-  offer(3, u_nearest4, u_means4, s);
+  offer(0, u_nearest1, u_means1, u_away1, s);
+  offer(1, u_nearest2, u_means2, u_away2, s);
+  offer(2, u_nearest3, u_means3, u_away3, s);
+  offer(3, u_nearest4, u_means4, u_away4, s);
   if (taken < 0 || taken >= ${count}) discard;
   float rho = s.amplitude * exp(-s.beta);
 #if CLIPS
