@@ -287,6 +287,54 @@ TEST(Edges, CreasesAreClosed) {
   }
 }
 
+/// The root of the mean square error of a picture of a black half-plane before a white plane,
+/// beside the half-plane's share of the whole pixel filter: Phi of the distance from its border.
+double error_before_a_plane(double spacing_px, double cutoff, double behind) {
+  constexpr double kSlope = 0.2;
+  const auto x_at = [](double y) { return 0.13 + kSlope * y; };
+  MeshSampleOptions sampling;
+  sampling.spacing = spacing_px * 2 / kSize;
+  sampling.clip = true;
+  TriangleMesh mesh = polygon({{-4, -3}, {x_at(-3), -3}, {x_at(3), 3}, {-4, 3}});
+  for (const Vec2f& p : {Vec2f(-4, -3), Vec2f(4, -3), Vec2f(4, 3), Vec2f(-4, 3)}) {
+    mesh.position.push_back({p.x(), p.y(), -static_cast<float>(behind)});
+  }
+  mesh.face.insert(mesh.face.end(), {{4, 5, 6}, {4, 6, 7}});
+  SurfelCloud cloud = sample_mesh(mesh, sampling);
+  cloud.coefficient.clear();
+  for (std::size_t i = 0; i < cloud.size(); ++i) {
+    cloud.coefficient.push_back(cloud.world(i).z() < -behind / 2 ? Vec3f::Ones() : Vec3f::Zero());
+  }
+  RenderOptions options;
+  options.cutoff = cutoff;
+  const Image image = render_unlit(cloud, square_camera(kSize), options);
+  double squares = 0;
+  for (int row = 0; row < kSize; ++row) {
+    for (int x = 0; x < kSize; ++x) {
+      const double edge = (x_at(1 - (row + 0.5) * 2 / kSize) + 1) / 2 * kSize;
+      const double distance = (x + 0.5 - edge) / std::sqrt(1 + kSlope * kSlope);
+      const double truth = 0.5 * std::erfc(-distance / std::numbers::sqrt2);
+      const double error = image.pixel(x, row)[0] - truth;
+      squares += error * error;
+    }
+  }
+  return std::sqrt(squares / (kSize * kSize));
+}
+
+/// Edges are what lines tell of surfels that are larger than the pixel filter, and what the pixels
+/// around tell of others.
+TEST(Edges, BeforeAPlaneHaveTheirShareOfThePixelFilter) {
+  for (const double cutoff : {1.0, 2.0, 4.0}) {
+    // What a surface covers beyond its last kernel, at cutoff 1, is not drawn.
+    const double most = cutoff < 2 ? 0.009 : 0.0045;
+    for (const double spacing : {0.5, 1.0, 8.0}) {
+      EXPECT_LT(error_before_a_plane(spacing, cutoff, 1), most) << spacing << ' ' << cutoff;
+    }
+    // A plane 2.4 pixels behind.
+    EXPECT_LT(error_before_a_plane(0.5, cutoff, 0.05), 2 * most) << cutoff;
+  }
+}
+
 /// By how many pixels the picture of a black sphere is too large before a white plane, by the sum
 /// of what it takes of the plane's light.
 double surplus_before_a_plane(double cutoff, int layers, float alpha, std::uint64_t seed) {

@@ -170,6 +170,37 @@ TEST(Transparency, OppositeSidesOfAThinSheetAreNotMixed) {
   EXPECT_LT(worst_error(image, {1, 0, 0, 1}), 1e-5);
 }
 
+/// A shell round a sphere that nobody sees leaves the picture of the sphere as it is, edges, depths
+/// and normals included.
+TEST(Transparency, InvisibleSurfelsAreAsIfTheyWereNotThere) {
+  const SurfelCloud sphere = fibonacci_sphere(4000, 0.6);
+  const SurfelCloud shell = fibonacci_sphere(6000, 0.8);
+  SurfelCloud both = sphere;
+  both.alpha.assign(sphere.size(), 1.0F);
+  for (std::size_t i = 0; i < shell.size(); ++i) {
+    add_surfel(both, shell.position[i], shell.normal[i], shell.variance[i], shell.area[i],
+               {0, 1, 0});
+    both.alpha.push_back(0);
+  }
+  const Image alone = render_unlit(sphere, camera_at(2.5, 96));
+  const Image image = render_unlit(both, camera_at(2.5, 96));
+  // The order of splats, and so rounding, depends on the box of all surfels.
+  for (int y = 0; y < image.height; ++y) {
+    for (int x = 0; x < image.width; ++x) {
+      for (int c = 0; c < image.channel_count(); ++c) {
+        const float a = alone.pixel(x, y)[c];
+        const float b = image.pixel(x, y)[c];
+        if (a == b) continue;
+        EXPECT_NEAR(a, b, 1e-4 * (1 + std::abs(a))) << x << ' ' << y << ' ' << c;
+      }
+    }
+  }
+  // A cloud of nothing else is an empty picture.
+  SurfelCloud nothing = shell;
+  nothing.alpha.assign(nothing.size(), 0.0F);
+  EXPECT_EQ(render_unlit(nothing, camera_at(2.5, 96)).pixel(48, 48)[3], 0);
+}
+
 TEST(Transparency, CompositingIsAssociative) {
   const Rgba a{0.1F, 0.2F, 0.1F, 0.3F};
   const Rgba b{0.3F, 0.0F, 0.2F, 0.5F};

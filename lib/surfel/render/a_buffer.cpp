@@ -121,11 +121,16 @@ bool is_far_side(const TileABuffer& tile, const Fragment& back, const EdgeNeighb
          around.nearest_front >= depth - kRimDepth * std::abs(depth);
 }
 
-/// Is a fragment a whole surface whose depths around its pixel its DepthSlope tells?
-bool is_plane(const TileABuffer& tile, const Fragment& fragment) {
+/// Is a fragment a whole surface of which the DepthSlope is known?
+bool is_slanted(const TileABuffer& tile, const Fragment& fragment) {
   const float* const c = fragment.channel;
-  return tile.layout.planes && !is_merged(fragment) && is_even(c[kTag]) && is_filtered(c[kTag]) &&
+  return tile.layout.planes && !is_merged(fragment) && is_filtered(c[kTag]) &&
          c[kWeight] >= kWholeSurface * tile.mean_weight;
+}
+
+/// Does it tell the depths some pixels around, too?
+bool is_plane(const TileABuffer& tile, const Fragment& fragment) {
+  return is_slanted(tile, fragment) && is_even(fragment.channel[kTag]);
 }
 
 /// What parts the surfaces of two fragments of a side, of which the first is nearer.
@@ -207,11 +212,18 @@ class PixelSurfaces {
   std::array<int, kMostLayers> of_;
 };
 
-/// Leaves a surface the part of its pixel in which it is nearer than the next one, where their
-/// planes cross: what the pixel filter has on its side of the line.
-void cross(const TileABuffer& tile, SeenFragment& seen, const Fragment& next) {
+/// Leaves a surface the part of its pixel in which it is nearer than the next whole one, where
+/// their planes cross: what the pixel filter has on its side of the line. The other one has the
+/// rest. Planes of the two sides of a body cross at its rim, where the surfaces do not. \param
+/// behind  the fragments behind it, nearest first.
+void cross(const TileABuffer& tile, SeenFragment& seen, std::span<SeenFragment> behind) {
   const Fragment& fragment = *seen.fragment;
-  if (!tile.edge_filter || !is_plane(tile, fragment) || !is_plane(tile, next)) return;
+  if (!tile.edge_filter || !is_slanted(tile, fragment)) return;
+  const auto found = std::find_if(behind.begin(), behind.end(), [&](const SeenFragment& other) {
+    return is_slanted(tile, *other.fragment);
+  });
+  if (found == behind.end() || at_rims(fragment, *found->fragment)) return;
+  const Fragment& next = *found->fragment;
   const DepthSlope a = DepthSlope::unpack(fragment.slope);
   const DepthSlope b = DepthSlope::unpack(next.slope);
   const float gap = front_depth(fragment) - front_depth(next);
@@ -220,6 +232,8 @@ void cross(const TileABuffer& tile, SeenFragment& seen, const Fragment& next) {
   if (!(gap < kFar * slope)) return;
   seen.coverage *= tile.edge_filter->half_plane(gap / slope);
   seen.full_weight = fragment.channel[kWeight] / seen.coverage;
+  found->coverage = 1;
+  found->full_weight = next.channel[kWeight];
 }
 
 /// What is seen of a pixel's fragments, nearest first.
@@ -270,8 +284,9 @@ std::span<SeenFragment> look_at(const TileABuffer& tile, int count, const At& at
     seen[i].full_weight = fragment.channel[kWeight] / seen[i].coverage;
     hidden = hidden || hides(tile, seen[i]);
   }
-  for (int i = 0; i + 1 < count; ++i) cross(tile, seen[i], at(i + 1));
-  return std::span(seen).first(static_cast<std::size_t>(count));
+  const std::span all = std::span(seen).first(static_cast<std::size_t>(count));
+  for (std::size_t i = 0; i + 1 < all.size(); ++i) cross(tile, all[i], all.subspan(i + 1));
+  return all;
 }
 
 /// The front and the back of one body in a pixel. Near the body's silhouette each of the two sides

@@ -70,19 +70,19 @@ Unevenness measure_unevenness(const SurfelColumns& c, std::size_t count) {
     const float distance = offset.norm();
     const float turn = (next - n).norm();
     off[samples] = std::abs((n + next).dot(offset)) / 2;
-    if (off[samples] <= (turn / 2 + kMostSlope) * distance) {
-      Bends& bends = turn < kMostTurn ? smooth : sharp;
-      bends.turned += turn;
-      bends.along += distance;
-      ++bends.count;
-      // At a fold the two surfels are on the same side of each other's planes.
-      bends.crossed += n.dot(offset) * next.dot(offset) > 0 ? 1 : 0;
-    }
+    const bool is_one = off[samples] <= (turn / 2 + kMostSlope) * distance;
+    Bends& bends = turn < kMostTurn ? smooth : sharp;
+    bends.turned += is_one ? turn : 0;
+    bends.along += is_one ? distance : 0;
+    bends.count += is_one || turn >= kMostTurn ? 1 : 0;
+    // At a fold the two surfels are on the same side of each other's planes.
+    bends.crossed += n.dot(offset) * next.dot(offset) > 0 ? 1 : 0;
     ++samples;
   }
   if (samples == 0) return {};
-  // Where surfaces cross, a surfel is as often before as behind the plane of another surface's.
-  const bool crossing = 4 * sharp.crossed > sharp.count && 4 * smooth.count > samples;
+  // Where surfaces cross, many a surfel lies before the plane of another surface's that lies behind
+  // its own.
+  const bool crossing = 8 * sharp.crossed > sharp.count && 4 * smooth.count > samples;
   const float turned = smooth.turned + (crossing ? 0 : sharp.turned);
   const float along = smooth.along + (crossing ? 0 : sharp.along);
   const auto quarter = off.begin() + static_cast<std::ptrdiff_t>(samples / 4);

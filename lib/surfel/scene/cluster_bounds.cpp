@@ -185,6 +185,7 @@ SurfelTotals surfel_totals_simd(const ClusterColumns& s, const float* area, cons
   totals.deviations = (deviations[0] + deviations[1]) + (deviations[2] + deviations[3]);
   totals.usable = hn::AllTrue(Wide(), usable);
   totals.transparent = alpha && alphas.min() < 1;
+  totals.invisible = alpha && alphas.min() <= 0;
   return totals;
 }
 
@@ -215,6 +216,7 @@ SurfelTotals added_up(std::span<const SurfelTotals> parts) {
     sum.deviations += part.deviations;
     sum.usable = sum.usable && part.usable;
     sum.transparent = sum.transparent || part.transparent;
+    sum.invisible = sum.invisible || part.invisible;
   }
   return sum;
 }

@@ -44,6 +44,7 @@ struct SurfelTotals {
   double deviations = 0;     ///< Sum of every surfel's larger standard deviation, scene units.
   bool usable = true;        ///< What usability() asks for holds for every surfel.
   bool transparent = false;  ///< Some alpha is below 1.
+  bool invisible = false;    ///< Some alpha is 0.
 };
 
 /// The figures of all surfels, from the figures of their parts.

@@ -162,7 +162,7 @@ bool CloudStream::finest_transparent(const ClusterTree& tree) const {
   return found;
 }
 
-/// Moves the surfels of rows [begin, end) that can be drawn to the front; `end` follows the last.
+/// Moves the surfels of rows [begin, end) that are drawn to the front; `end` follows the last.
 void CloudStream::drop_unusable(RenderCloud& rows, std::size_t begin, std::size_t& end,
                                 UnusableSurfels& dropped) const {
   std::size_t kept = begin;
@@ -204,7 +204,7 @@ bool CloudStream::make_index() {
         const std::size_t row = i - begin;
         std::size_t row_end = std::min<std::size_t>(end - begin, row + RenderCloud::kClusterSize);
         totals[c] = rows.make_cluster(row, row_end, cloud_.clusters_[c]);
-        if (!totals[c].usable) {
+        if (!totals[c].usable || totals[c].invisible) {
           drop_unusable(rows, row, row_end, workers[w].dropped);
           totals[c] = rows.make_cluster(row, row_end, cloud_.clusters_[c]);
         }

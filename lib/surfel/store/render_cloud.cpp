@@ -49,9 +49,9 @@ RenderCloud::RenderCloud(SurfelSource& source, const RenderColumns& needed,
   origin_ = source.origin();
   // Files written by this library are in order already, and hold no surfels that cannot be drawn.
   const bool copies = source.attributes().source;
-  const bool usable =
-      std::all_of(totals.begin(), totals.end(), [](const SurfelTotals& t) { return t.usable; });
-  if (copies || !usable ||
+  const bool all_drawn = std::all_of(
+      totals.begin(), totals.end(), [](const SurfelTotals& t) { return t.usable && !t.invisible; });
+  if (copies || !all_drawn ||
       !MortonGrid(box.min.cast<float>(), box.max.cast<float>())
            .in_order({x.data(), y.data(), z.data(), size_})) {
     Array<std::uint32_t> order = drawing_order();
@@ -142,7 +142,7 @@ void RenderCloud::number_rows(std::size_t begin, std::size_t end, std::uint64_t 
             place.begin() + static_cast<std::ptrdiff_t>(end), first);
 }
 
-/// Can a surfel be drawn? Counts it if not.
+/// Is a surfel to be drawn? Counts it if it cannot be; what is invisible need not be.
 bool RenderCloud::usable(std::size_t i, UnusableSurfels& dropped) const {
   SurfelValues values{.position = {x[i], y[i], z[i]},
                       .deviation_u = deviation_u[i],
@@ -153,10 +153,10 @@ bool RenderCloud::usable(std::size_t i, UnusableSurfels& dropped) const {
   if (!alpha.empty()) values.alpha = alpha[i];
   const Usability found = usability(values);
   dropped.add(found);
-  return found == Usability::kUsable;
+  return found == Usability::kUsable && (alpha.empty() || alpha[i] > 0);
 }
 
-/// The surfels that can be drawn, in the order of the Morton curve.
+/// The surfels that are drawn, in the order of the Morton curve.
 Array<std::uint32_t> RenderCloud::drawing_order() {
   Array<std::uint32_t> order = column_morton_order({x.data(), y.data(), z.data(), size_});
   std::size_t kept = 0;
