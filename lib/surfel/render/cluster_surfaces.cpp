@@ -82,7 +82,7 @@ Unevenness measure_unevenness(const SurfelColumns& c, std::size_t count) {
   if (samples == 0) return {};
   // Where surfaces cross, many a surfel lies before the plane of another surface's that lies behind
   // its own.
-  const bool crossing = 8 * sharp.crossed > sharp.count && 4 * smooth.count > samples;
+  const bool crossing = 5 * sharp.crossed > sharp.count && 4 * smooth.count > samples;
   const float turned = smooth.turned + (crossing ? 0 : sharp.turned);
   const float along = smooth.along + (crossing ? 0 : sharp.along);
   const auto quarter = off.begin() + static_cast<std::ptrdiff_t>(samples / 4);
