@@ -184,14 +184,15 @@ TEST(Transparency, InvisibleSurfelsAreAsIfTheyWereNotThere) {
   }
   const Image alone = render_unlit(sphere, camera_at(2.5, 96));
   const Image image = render_unlit(both, camera_at(2.5, 96));
-  // The order of splats, and so rounding, depends on the box of all surfels.
+  // The order of splats, and so rounding, depends on the box of all surfels; opacities at edges
+  // have steps of 1 / 4096.
   for (int y = 0; y < image.height; ++y) {
     for (int x = 0; x < image.width; ++x) {
       for (int c = 0; c < image.channel_count(); ++c) {
         const float a = alone.pixel(x, y)[c];
         const float b = image.pixel(x, y)[c];
         if (a == b) continue;
-        EXPECT_NEAR(a, b, 1e-4 * (1 + std::abs(a))) << x << ' ' << y << ' ' << c;
+        EXPECT_NEAR(a, b, 5e-4 * (1 + std::abs(a))) << x << ' ' << y << ' ' << c;
       }
     }
   }

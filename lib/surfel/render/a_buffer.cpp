@@ -84,13 +84,10 @@ SeenFragment seen_at(const TileABuffer& tile, const Fragment& fragment, float ed
 /// Fragments cover no less of a pixel, so that their colours can be told.
 constexpr float kLeastCoverage = 1e-6F;
 
-/// May a fragment, one of several in its pixel, be the far side of a body? Where splats are larger
-/// than the pixel filter, only if lines tell that it ends.
+/// May a fragment, one of several in its pixel, be the far side of a body?
 bool may_be_far_side(const TileABuffer& tile, int count, const Fragment& fragment) {
-  const float* const c = fragment.channel;
-  const bool may_end = is_filtered(c[kTag]) || (tile.layout.clips && c[kCutPartial] > 0);
-  return tile.layout.opaque && count > 1 && !is_merged(fragment) && may_end &&
-         !shows_front(c[kTag]);
+  return tile.layout.opaque && count > 1 && !is_merged(fragment) &&
+         !shows_front(fragment.channel[kTag]);
 }
 
 /// Whether a fragment's surface may end near its pixel, so that the pixels around have to be looked
@@ -113,11 +110,17 @@ bool hides(const TileABuffer& tile, const SeenFragment& seen) {
 
 /// Is a back-facing fragment the far side of a body, at whose silhouette it reaches beyond the near
 /// side? Then the near side is close by, and the back is nowhere around the nearest surface with a
-/// whole sum, as it would be if it were really seen.
+/// whole sum, as it would be if it were really seen. Sums of splats that are larger than the pixel
+/// filter are too uneven to tell that of other bodies: there the near side is close, too, or lines
+/// tell that the back ends.
 bool is_far_side(const TileABuffer& tile, const Fragment& back, const EdgeNeighbors& around) {
   constexpr float kWhole = 0.8F;
+  constexpr float kDeepest = 0.3F;  // Of bodies, as a part of their distance.
   const float depth = front_depth(back);
+  const bool is_cut = tile.layout.clips && back.channel[kCutPartial] > 0;
+  const bool is_close = around.nearest_front - depth <= kDeepest * std::abs(depth);
   return around.leading < kWhole * tile.edge_weight &&
+         (is_filtered(back.channel[kTag]) || is_cut || is_close) &&
          around.nearest_front >= depth - kRimDepth * std::abs(depth);
 }
 
@@ -227,7 +230,7 @@ void cross(const TileABuffer& tile, SeenFragment& seen, std::span<SeenFragment> 
   const DepthSlope a = DepthSlope::unpack(fragment.slope);
   const DepthSlope b = DepthSlope::unpack(next.slope);
   const float gap = front_depth(fragment) - front_depth(next);
-  const float slope = std::hypot(a.x - b.x, a.y - b.y);
+  const float slope = std::sqrt((a.x - b.x) * (a.x - b.x) + (a.y - b.y) * (a.y - b.y));
   constexpr float kFar = 4;  // Pixels.
   if (!(gap < kFar * slope)) return;
   seen.coverage *= tile.edge_filter->half_plane(gap / slope);
@@ -725,8 +728,7 @@ bool covers(const TileABuffer& tile, const Fragment& fragment) {
   const float* const c = fragment.channel;
   if (is_merged(fragment)) return c[kAlpha] >= kOpaqueAlpha;
   if (tile.layout.clips && c[kCutAway] > kWholeCutAway * c[kWeight]) return false;
-  const int step = spacing_step(std::bit_cast<std::uint32_t>(c[kTag]));
-  return c[kWeight] >= tile.covering_weight[step] && c[kAlpha] >= c[kWeight] * kOpaqueAlpha;
+  return c[kWeight] >= tile.edge_weight && c[kAlpha] >= c[kWeight] * kOpaqueAlpha;
 }
 
 float TileABuffer::hidden_behind(float nearest, float farthest) const {

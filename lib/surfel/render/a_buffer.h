@@ -186,8 +186,6 @@ struct TileABuffer {
   float edge_weight = 1;  ///< The sum of rho from which a surface covers the pixel at its edge, and
                           ///< hides all surfaces behind it; >= tau.
   float mean_weight = 1;  ///< The mean sum of rho within a surface.
-  /// By spacing_step(): the sum of rho from which an opaque surface covers a pixel unless it ends.
-  float covering_weight[kSpacingSteps] = {};
   /// No edge is looked for where the sum of rho of a pixel's last fragment is this or more.
   float inside_weight = 1;
   /// EdgeCoverage sets the opacities at edges, so that a pixel's only fragment need not look at the

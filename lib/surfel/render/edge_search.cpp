@@ -19,8 +19,9 @@ class Continuation {
   void offer(float weight, float depth, bool front, int /*step*/) {
     // A surface's last kernels hide nothing.
     constexpr float kLittle = 0.05F;
-    if (weight >= kLittle) nearest_ = std::max(nearest_, depth);
-    if (front) nearest_front_ = std::max(nearest_front_, depth);
+    const bool hides = weight >= kLittle;
+    if (hides) nearest_ = std::max(nearest_, depth);
+    if (hides && front) nearest_front_ = std::max(nearest_front_, depth);
     if (front != front_) return;
     const float distance = std::abs(depth - depth_);
     if (!(distance < least_)) return;

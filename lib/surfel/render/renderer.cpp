@@ -165,13 +165,6 @@ void Renderer::Impl::set_weights() {
   blank_tile.full_weight = full;
   blank_tile.mean_weight = options.coverage_threshold ? full : mean;
   blank_tile.edge_weight = options.coverage_threshold ? full : mean - (mean - full) / 4;
-  for (int step = 0; step < kSpacingSteps; ++step) {
-    // So coarse samples have sums that are too uneven to ask for more.
-    constexpr int kUneven = 3;
-    blank_tile.covering_weight[step] = step < kUneven || options.coverage_threshold
-                                           ? blank_tile.edge_weight
-                                           : std::max(full, EdgeFilter::least_inside(step) * mean);
-  }
   blank_tile.inside_weight =
       blank_tile.layout.opaque ? blank_tile.edge_weight : kOneSurface * blank_tile.mean_weight;
   // A threshold of one's own says by itself what is covered.

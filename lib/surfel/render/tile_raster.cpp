@@ -36,7 +36,6 @@ HWY_INLINE M covers_merged(const float* fragment, V weight) {
 template <bool kOpaqueSplats>
 HWY_INLINE V covering_depth(const TileABuffer& tile, std::size_t pixel) {
   const D d;
-  const hn::RebindToSigned<D> di;
   V nearest = hn::Set(d, -__builtin_inff());
   for (int layer = 0; layer < tile.layout.layers; ++layer) {
     const float* fragment = tile.fragment(layer, pixel);
@@ -44,10 +43,7 @@ HWY_INLINE V covering_depth(const TileABuffer& tile, std::size_t pixel) {
     if (is_zero(weight)) break;
     const V depth = hn::Load(d, fragment + kDepth * kPatchPixels);
     const V alpha = hn::Load(d, fragment + kAlpha * kPatchPixels);
-    const auto tags = hn::BitCast(Tags(), hn::Load(d, fragment + kTag * kPatchPixels));
-    const auto step = hn::And(hn::ShiftRight<kSpacingShift>(tags), hn::Set(Tags(), kStepMask));
-    const V least = hn::GatherIndex(d, tile.covering_weight, hn::BitCast(di, step));
-    M covering = covers<kOpaqueSplats>(weight, alpha, least);
+    M covering = covers<kOpaqueSplats>(weight, alpha, hn::Set(d, tile.edge_weight));
     if (tile.layout.clips) {
       const V away = hn::Load(d, fragment + kCutAway * kPatchPixels);
       covering = hn::And(covering, is_whole(weight, away));
@@ -718,8 +714,11 @@ PixelDepths hidden_in_patches(const TileABuffer& tile, const PixelDepths& coveri
     return tile_pixel_x(pixel) < tile.width && tile_pixel_y(pixel) < tile.height;
   };
   const bool whole = is_inside(kTilePixels - 1);
-  PixelDepths hidden;
+  // Two layers have no room for what may be seen behind an edge.
+  constexpr int kFewLayers = 2;
+  PixelDepths hidden = covering;
   for (int first = 0; first < kTilePixels; first += kPatchPixels) {
+    if (tile.layout.layers <= kFewLayers) break;
     float nearest = -kInfinity;
     float farthest = kInfinity;
     for (int pixel = first; pixel < first + kPatchPixels; ++pixel) {

@@ -24,16 +24,14 @@ void main() {
  */
 const kCovers = `
 uniform sampler2D u_means, u_away;
-uniform float u_full, u_mean, u_edge_weight;
+uniform float u_edge_weight;
 uniform bool u_opaque, u_cut;
 uniform ivec2 u_last;
 float steps_at(vec4 sums) { return u_opaque && sums.z > 0.0 ? sums.w / sums.z : 0.0; }
 // covers()
 bool covers_pixel(ivec2 at, vec4 sums) {
   if (u_cut && texelFetch(u_away, at, 0).x > 1e-3 * sums.x) return false;
-  float steps = steps_at(sums);
-  float least = steps < 3.0 - 1e-3 ? u_edge_weight : max(u_full, least_inside(int(steps + 1e-3)) * u_mean);
-  return sums.x >= least && (u_opaque || sums.z >= 0.9995 * sums.x);
+  return sums.x >= u_edge_weight && (u_opaque || sums.z >= 0.9995 * sums.x);
 }
 bool covers(ivec2 at) {
   vec4 sums = texelFetch(u_means, at, 0);
@@ -50,7 +48,7 @@ bool covers(ivec2 at) {
 `;
 
 /** Where the latest layer leaves something of the pixel to what is behind it, as far as that is known. */
-export const kOpenFragment = `${kHead}${kEdges}${kCovers}
+export const kOpenFragment = `${kHead}${kCovers}
 uniform sampler2D u_nearest;
 uniform bool u_summed;
 void main() {
@@ -75,7 +73,7 @@ void main() {
 `;
 
 /** Whether there are open pixels among 8 x 8. */
-export const kTilesFragment = `${kHead}${kEdges}${kCovers}
+export const kTilesFragment = `${kHead}${kCovers}
 layout(location = 0) out float open;
 void main() {
   open = 0.0;
@@ -148,7 +146,9 @@ layout(location = 0) out vec4 color;
 layout(location = 1) out vec4 sums;  // Over the mean: of the surface that counts; what all have beyond the least inside. Step.
 uniform vec4 u_completing[8];  // EdgeFilter: taps by distance, and sharpening; by spacing_step().
 
-struct Layer { float depth, weight, alpha, cover, edge; int flags; int step; bool far, one_body; vec3 color, normal; vec4 cut; };
+struct Layer { float depth, weight, alpha, cover, edge; int flags; int step; bool far, one_body; vec3 color, normal; vec4 cut; vec2 slope; };
+
+float slope_of(float code) { return sign(code - 2048.0) * (exp2(abs(code - 2048.0) / 100.0) - 1.0) * 1e-5; }
 
 Layer layers[4];
 int count = 0;
@@ -161,7 +161,9 @@ void add_layer(vec2 surface, sampler2D nearest, sampler2D means, sampler2D color
   Layer l;
   l.weight = color.a;
   l.depth = surface.y;
-  l.flags = int(texelFetch(nearest, at, 0).y);
+  vec4 near = texelFetch(nearest, at, 0);
+  l.flags = int(near.y);
+  l.slope = near.x * vec2(slope_of(floor(near.w / 4096.0)), slope_of(mod(near.w, 4096.0)));
   vec2 first = texelFetch(means, at, 0).zw;
   float steps = u_opaque && first.x > 0.0 ? first.y / first.x : 0.0;
   l.step = int(steps + 1e-3);
@@ -223,7 +225,7 @@ float continued(Layer l, ivec2 at) {
   for (int i = 0; i < 4; ++i) {
     if (weight[i] == 0.0) continue;
     if (abs(weight[i]) >= 0.05) nearest = max(nearest, depth[i]);
-    if (weight[i] > 0.0) nearest_front = max(nearest_front, depth[i]);
+    if (weight[i] >= 0.05) nearest_front = max(nearest_front, depth[i]);
     float distance = abs(depth[i] - l.depth);
     if (weight[i] * side > 0.0 && distance < least) {
       least = distance;
@@ -245,7 +247,9 @@ void look_around(inout Layer l) {
     continued(l, at + ivec2(i, 0));
     continued(l, at + ivec2(0, i));
   }
-  l.far = leading < 0.8 * u_edge_weight && nearest_front >= l.depth - rim_depth(l);
+  bool close = nearest_front - l.depth <= 0.3 * (u_ortho ? u_far - l.depth : l.depth);
+  l.far = leading < 0.8 * u_edge_weight && nearest_front >= l.depth - rim_depth(l) &&
+          (is_filtered(l) || is_cut(l) || close);
   if (l.far && is_filtered(l)) l.edge = 1.0;
 }
 
@@ -398,8 +402,7 @@ void find_edges() {
     bool last = i + 1 == count;
     bool partial = !(u_opaque && !is_cut(l)) && l.weight < (u_opaque ? u_edge_weight : 1.15 * u_mean);
     bool may_end = u_layers > 1 && !hidden && is_filtered(l) && (last || !u_opaque ? partial : true);
-    bool may_be_far =
-        u_layers > 1 && !plain && u_opaque && count > 1 && !is_front(l) && (is_filtered(l) || is_cut(l));
+    bool may_be_far = u_layers > 1 && !plain && u_opaque && count > 1 && !is_front(l);
     layers[i].one_body = false;
     if (may_be_far) look_around(layers[i]);
     int surface = surface_of[i];
@@ -419,6 +422,22 @@ void find_edges() {
       layers[i].cover = max(1e-6, inside + layers[i].edge * (cover - inside));
     }
     hidden = hidden || (u_opaque && layers[i].cover >= 0.9 && is_front(l));
+  }
+}
+
+// Surfaces that cross share the pixel by what the pixel filter has on either side of the line.
+bool is_slanted(Layer l) { return is_filtered(l) && l.weight >= 0.85 * u_mean; }
+void cross_layers() {
+  for (int i = 0; i + 1 < count && u_opaque; ++i) {
+    int next = i + 1;
+    while (next < count && !is_slanted(layers[next])) ++next;
+    if (!is_slanted(layers[i]) || next == count || at_rims(layers[i], layers[next])) continue;
+    float slope = length(layers[i].slope - layers[next].slope);
+    float gap = layers[i].depth - layers[next].depth;
+    if (!(gap < 4.0 * slope)) continue;
+    float d = gap / slope;
+    layers[i].cover *= 0.5 + 0.5 * sign(d) * sqrt(1.0 - exp(-0.63661977 * d * d));
+    layers[next].cover = 1.0;
   }
 }
 
@@ -528,6 +547,7 @@ void main() {
   float slack = min(1.15, max(all.x, all.y)) - least_inside(step);
 #if SEVERAL
   find_edges();
+  cross_layers();
   order_by_sight();
   share_by_sums();
   // TwoSides: the sides of a body cover the same part of the pixel at its silhouette.

@@ -553,16 +553,21 @@ bool is_behind(Sample s) {
 }
 `;
 
-/** The visibility pass: the nearest fragment's depth, the flags of its splat, and its depth range. */
+/**
+ * The visibility pass: the nearest fragment's depth, the flags of its splat, its depth range, and its DepthSlope, as
+ * two numbers of 12 bits that tell logarithms of the depth's relative change from pixel to pixel.
+ */
 export const nearestFragment = (clips) => `${kHead}${sampleOf(clips)}${kLayers}${kBehind}
 uniform float u_depth_scale;
 layout(location = 0) out vec4 nearest;
+float slope_code(float change) { return clamp(floor(2048.5 + sign(change) * 100.0 * log2(1.0 + 1e5 * abs(change))), 0.0, 4095.0); }
 void main() {
   Sample s = splat();
   if (!(s.beta < u_cutoff)) discard;
   if (!is_behind(s)) discard;
   gl_FragDepth = clamp(s.depth * u_depth_scale, 0.0, 1.0);
-  nearest = vec4(s.depth, v_place.w + 64.0, s.epsilon, 0);
+  vec2 slope = ((int(v_place.w) & 32) == 0 ? v_b.yz : v_c.yz) / s.depth;
+  nearest = vec4(s.depth, v_place.w + 64.0, s.epsilon, 4096.0 * slope_code(slope.x) + slope_code(slope.y));
 }
 `;
 
