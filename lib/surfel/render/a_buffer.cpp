@@ -757,12 +757,6 @@ bool replace_back(TileABuffer& tile, int pixel, const Fragment& fresh, float dep
 }
 
 void drop_behind(TileABuffer& tile, int pixel, float depth, float covering) {
-  for (int layer = 0; layer < tile.layout.layers; ++layer) {
-    const float weight = tile.at(layer, kWeight, pixel);
-    if (!(weight > 0) || tile.at(layer, kDepth, pixel) < covering * weight) continue;
-    const bool cut = tile.layout.clips && tile.at(layer, kCutPartial, pixel) > 0;
-    if (cut || !is_filtered(tile.at(layer, kTag, pixel))) depth = std::max(depth, covering);
-  }
   int kept = 0;
   int layer = 0;
   for (; layer < tile.layout.layers && tile.at(layer, kWeight, pixel) != 0; ++layer) {

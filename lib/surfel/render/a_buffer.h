@@ -277,9 +277,8 @@ bool covers(const TileABuffer& tile, const Fragment& fragment);
 bool replace_back(TileABuffer& tile, int pixel, const Fragment& fresh, float depth);
 
 /// Drops the fragments of a pixel that lie behind a depth, and behind the surface that covers it
-/// the unmerged ones that show their backs; all where edges of that surface are not looked for:
-/// lines, and splats larger than the pixel filter, tell what it covers. \param covering  the depth
-/// of the nearest surface that covers the pixel; minus infinity: none.
+/// the unmerged ones that show their backs.
+/// \param covering  the depth of the nearest surface that covers the pixel; minus infinity: none.
 void drop_behind(TileABuffer& tile, int pixel, float depth, float covering);
 
 /// Reads the fragment of a pixel's layer, in place: a copy would wait for the stores. A channel

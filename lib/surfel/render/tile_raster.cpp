@@ -31,12 +31,16 @@ HWY_INLINE M covers_merged(const float* fragment, V weight) {
                  hn::Ge(hn::Load(d, fragment + kAlpha * kPatchPixels), hn::Set(d, kOpaqueAlpha)));
 }
 
-/// The depths of the nearest surfaces that cover pixels, see covers(); minus infinity: there is
-/// none.
+/// A vector of CoveringDepths.
+struct CoveringLanes {
+  V nearest, alone;
+};
+
 template <bool kOpaqueSplats>
-HWY_INLINE V covering_depth(const TileABuffer& tile, std::size_t pixel) {
+HWY_INLINE CoveringLanes covering_depth(const TileABuffer& tile, std::size_t pixel) {
   const D d;
   V nearest = hn::Set(d, -__builtin_inff());
+  V alone = nearest;
   for (int layer = 0; layer < tile.layout.layers; ++layer) {
     const float* fragment = tile.fragment(layer, pixel);
     const V weight = hn::Load(d, fragment + kWeight * kPatchPixels);
@@ -44,20 +48,28 @@ HWY_INLINE V covering_depth(const TileABuffer& tile, std::size_t pixel) {
     const V depth = hn::Load(d, fragment + kDepth * kPatchPixels);
     const V alpha = hn::Load(d, fragment + kAlpha * kPatchPixels);
     M covering = covers<kOpaqueSplats>(weight, alpha, hn::Set(d, tile.edge_weight));
+    const auto tags = hn::BitCast(Tags(), hn::Load(d, fragment + kTag * kPatchPixels));
+    M has_no_edge = hn::Not(hn::RebindMask(d, hn::TestBit(tags, hn::Set(Tags(), kFilteredTag))));
     if (tile.layout.clips) {
       const V away = hn::Load(d, fragment + kCutAway * kPatchPixels);
+      const V partial = hn::Load(d, fragment + kCutPartial * kPatchPixels);
       covering = hn::And(covering, is_whole(weight, away));
+      has_no_edge = hn::Or(has_no_edge, hn::Gt(partial, hn::Zero(d)));
     }
-    nearest = hn::IfThenElse(covering, hn::Max(nearest, hn::Div(depth, weight)), nearest);
+    const V at = hn::IfThenElse(covering, hn::Div(depth, weight), hn::Set(d, -__builtin_inff()));
+    nearest = hn::Max(nearest, at);
+    alone = hn::IfThenElse(has_no_edge, hn::Max(alone, at), alone);
     nearest = hn::IfThenElse(covers_merged(fragment, weight), hn::Max(nearest, depth), nearest);
   }
-  return nearest;
+  return {nearest, alone};
 }
 
 template <bool kOpaqueSplats>
-void find_covering_depths(const TileABuffer& tile, float* depth) {
+void find_covering_depths(const TileABuffer& tile, CoveringDepths& depths) {
   for (std::size_t pixel = 0; pixel < kTilePixels; pixel += hn::MaxLanes(D())) {
-    hn::StoreU(covering_depth<kOpaqueSplats>(tile, pixel), D(), depth + pixel);
+    const CoveringLanes found = covering_depth<kOpaqueSplats>(tile, pixel);
+    hn::StoreU(found.nearest, D(), depths.nearest.data() + pixel);
+    hn::StoreU(found.alone, D(), depths.alone.data() + pixel);
   }
 }
 
@@ -125,8 +137,9 @@ class Rasterizer {
     if (job_.replay) {
       hidden_.fill(job_.replay->hidden);
     } else {
-      find_covering_depths<kOpaqueSplats>(tile_, hidden_.data());
-      hidden_ = hidden_in_patches(tile_, hidden_);
+      CoveringDepths covering;
+      find_covering_depths<kOpaqueSplats>(tile_, covering);
+      hidden_ = hidden_in_patches(tile_, covering);
     }
   }
 
@@ -565,7 +578,7 @@ class Rasterizer {
     // A contribution that nobody sees, or that something covers, is not worth merging two surfaces
     // for.
     open = hn::And(open, hn::Ge(rho, hn::Set(d, least)));
-    const V covering = covering_depth<kOpaqueSplats>(tile_, pixel);
+    const V covering = covering_depth<kOpaqueSplats>(tile_, pixel).nearest;
     const M covered = hn::And(open, hn::Lt(depth, covering));
     M made = hn::FirstN(d, 0);
     if (kOpaqueSplats && !hn::AllFalse(d, covered)) {
@@ -663,9 +676,9 @@ void rasterize_tile_simd(const TileJob& job, TileABuffer& tile) {
   job.clips ? rasterize<true>(job, tile) : rasterize<false>(job, tile);
 }
 
-void find_covering_simd(const TileABuffer& tile, float* depth) {
-  tile.layout.opaque ? find_covering_depths<true>(tile, depth)
-                     : find_covering_depths<false>(tile, depth);
+void find_covering_simd(const TileABuffer& tile, CoveringDepths& depths) {
+  tile.layout.opaque ? find_covering_depths<true>(tile, depths)
+                     : find_covering_depths<false>(tile, depths);
 }
 
 }  // namespace HWY_NAMESPACE
@@ -684,9 +697,9 @@ void rasterize_tile(const TileJob& job, TileABuffer& tile) {
 
 namespace {
 
-PixelDepths covering_depths(const TileABuffer& tile) {
-  PixelDepths depths;
-  HWY_DYNAMIC_DISPATCH(find_covering_simd)(tile, depths.data());
+CoveringDepths covering_depths(const TileABuffer& tile) {
+  CoveringDepths depths;
+  HWY_DYNAMIC_DISPATCH(find_covering_simd)(tile, depths);
   return depths;
 }
 
@@ -708,7 +721,7 @@ float hidden_within(const TileABuffer& tile, const PixelDepths& covering, int x0
 
 }  // namespace
 
-PixelDepths hidden_in_patches(const TileABuffer& tile, const PixelDepths& covering) {
+PixelDepths hidden_in_patches(const TileABuffer& tile, const CoveringDepths& covering) {
   constexpr float kInfinity = std::numeric_limits<float>::infinity();
   const auto is_inside = [&](int pixel) {
     return tile_pixel_x(pixel) < tile.width && tile_pixel_y(pixel) < tile.height;
@@ -716,18 +729,22 @@ PixelDepths hidden_in_patches(const TileABuffer& tile, const PixelDepths& coveri
   const bool whole = is_inside(kTilePixels - 1);
   // Two layers have no room for what may be seen behind an edge.
   constexpr int kFewLayers = 2;
-  PixelDepths hidden = covering;
+  PixelDepths hidden = covering.nearest;
   for (int first = 0; first < kTilePixels; first += kPatchPixels) {
     if (tile.layout.layers <= kFewLayers) break;
     float nearest = -kInfinity;
     float farthest = kInfinity;
     for (int pixel = first; pixel < first + kPatchPixels; ++pixel) {
       if (!whole && !is_inside(pixel)) continue;
-      const float depth = covering[static_cast<std::size_t>(pixel)];
+      const float depth = covering.nearest[static_cast<std::size_t>(pixel)];
       nearest = std::max(nearest, depth);
       farthest = std::min(farthest, depth);
     }
-    std::fill_n(hidden.begin() + first, kPatchPixels, tile.hidden_behind(nearest, farthest));
+    const float behind = tile.hidden_behind(nearest, farthest);
+    for (int pixel = first; pixel < first + kPatchPixels; ++pixel) {
+      const auto place = static_cast<std::size_t>(pixel);
+      hidden[place] = std::max(behind, covering.alone[place]);
+    }
   }
   for (int pixel = 0; pixel < kTilePixels && !whole; ++pixel) {
     if (!is_inside(pixel)) hidden[static_cast<std::size_t>(pixel)] = kInfinity;
@@ -742,7 +759,7 @@ PixelDepths find_hidden(const TileABuffer& tile) {
 void drop_hidden(TileABuffer& tile) {
   if (tile.layout.layers < 2) return;
   constexpr int kAround = 2;
-  std::optional<PixelDepths> covering;
+  std::optional<CoveringDepths> covering;
   PixelDepths hidden;
   for (int pixel = 0; pixel < kTilePixels; ++pixel) {
     if (tile.at(1, kWeight, pixel) == 0) continue;
@@ -751,12 +768,12 @@ void drop_hidden(TileABuffer& tile) {
       hidden = hidden_in_patches(tile, *covering);
     }
     const auto place = static_cast<std::size_t>(pixel);
-    drop_behind(tile, pixel, hidden[place], (*covering)[place]);
+    drop_behind(tile, pixel, hidden[place], covering->nearest[place]);
     if (tile.at(1, kWeight, pixel) == 0) continue;
     const int x = tile_pixel_x(pixel);
     const int y = tile_pixel_y(pixel);
     const float around =
-        hidden_within(tile, *covering, x - kAround, y - kAround, x + kAround, y + kAround);
+        hidden_within(tile, covering->nearest, x - kAround, y - kAround, x + kAround, y + kAround);
     drop_behind(tile, pixel, around, around);
   }
 }

@@ -78,10 +78,17 @@ inline constexpr float kMergingShareOfLargest = 3e-2F;
 /// A depth, as Splat::depth, for every pixel of a tile.
 using PixelDepths = std::array<float, kTilePixels>;
 
-/// The depths behind which splats are not drawn: TileABuffer::hidden_behind() of the pixel's patch;
-/// infinity outside of the picture.
-/// \param covering  the nearest surfaces that cover pixels, see covers(); minus infinity: none.
-PixelDepths hidden_in_patches(const TileABuffer& tile, const PixelDepths& covering);
+/// The depths of the nearest surfaces that cover pixels, see covers(); minus infinity: none.
+struct CoveringDepths {
+  PixelDepths nearest;
+  /// Of surfaces whose edges are not looked for: lines, and splats larger than the pixel filter,
+  /// tell what they cover.
+  PixelDepths alone;
+};
+
+/// The depths behind which splats are not drawn: TileABuffer::hidden_behind() of the pixel's patch,
+/// and surfaces whose edges are not looked for; infinity outside of the picture.
+PixelDepths hidden_in_patches(const TileABuffer& tile, const CoveringDepths& covering);
 PixelDepths find_hidden(const TileABuffer& tile);
 
 /// Drops the fragments of a tile that are not seen: behind hidden_in_patches(), as it depends on
