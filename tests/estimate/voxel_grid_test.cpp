@@ -152,6 +152,20 @@ TEST(VoxelGrid, FarAndLargeCoordinatesKeepTheirPrecision) {
   EXPECT_NEAR(static_cast<double>(far.size()), static_cast<double>(near.size()), 10);
 }
 
+TEST(VoxelGrid, MeansOfExactCoordinatesAreExact) {
+  SurfelCloud cloud;
+  cloud.origin = Vec3d(1e9, 0, 0);
+  cloud.position.resize(3);
+  cloud.exact.resize(3);
+  cloud.place(0, Vec3d(1e9, 0.1, 0));
+  cloud.place(1, Vec3d(1e9, 0.3, 0));
+  cloud.place(2, Vec3d(-6.144, 0, 0));
+  const SurfelCloud out = averaged(cloud, 1000);
+  ASSERT_EQ(out.size(), 2U);
+  EXPECT_EQ(out.world(0), Vec3d(1e9, (0.1 + 0.3) / 2, 0));
+  EXPECT_EQ(out.world(1), Vec3d(-6.144, 0, 0));
+}
+
 TEST(VoxelGrid, ScanIsThinnedEvenly) {
   SURFEL_REQUIRE_TEST_DATA();
   const SurfelCloud cloud = read_cloud(data_folder() / "colour_clouds/lion_takanawa_third.ply");

@@ -243,7 +243,7 @@ constexpr FileKind kFileKinds[] = {
 double file_coordinate(const SurfelCloud& cloud, std::size_t i, std::size_t axis) {
   const auto a = static_cast<Eigen::Index>(axis);
   const double x = cloud.world(i)[a];
-  if (!cloud.remainder.empty()) return x;
+  if (!cloud.exact.empty()) return x;
   if (cloud.las) {
     const double offset = cloud.las->offset[a];
     return std::round((x - offset) / cloud.las->scale[a]) * cloud.las->scale[a] + offset;
@@ -271,7 +271,7 @@ void require_near_coordinates(const Table& table, const SurfelCloud& cloud, cons
   for (const Vec3f& position : cloud.position) {
     reach = std::max(reach, position.cwiseAbs().maxCoeff());
   }
-  const double most_unsaid = cloud.remainder.empty() ? static_cast<double>(reach) * 0x1p-24 : 0;
+  const double most_unsaid = cloud.exact.empty() ? static_cast<double>(reach) * 0x1p-24 : 0;
   require(read.las.has_value(), "a LAS file tells no steps");
   for (std::size_t axis = 0; axis < 3; ++axis) {
     const auto a = static_cast<Eigen::Index>(axis);

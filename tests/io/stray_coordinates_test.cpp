@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <array>
+#include <charconv>
 #include <cmath>
 #include <fstream>
 #include <random>
@@ -12,6 +13,7 @@
 #include <surfel/io/cloud_io.h>
 #include <surfel/scene/transform.h>
 
+#include "support/run_tool.h"
 #include "support/test_data.h"
 
 namespace surfel::test {
@@ -100,12 +102,17 @@ std::vector<Vec3d> doubles_at(double place, double extent) {
   return points;
 }
 
+std::string shortest(double x) {
+  std::array<char, 32> text{};
+  return {text.data(), std::to_chars(text.data(), text.data() + text.size(), x).ptr};
+}
+
 TEST(StrayCoordinates, DoublesAndTextPassThroughToTheLastBit) {
   const TemporaryFolder folder;
-  for (const double place : {0.0, 1.0, 1e3, 1e5, 1e7}) {
+  for (const double place : {0.0, 1.0, 1e3, 1e5, 1e7, 2.9e13}) {
     for (const bool stray : {false, true}) {
       std::vector<Vec3d> points = doubles_at(place, 3);
-      if (stray) points[7] = Vec3d::Zero();
+      if (stray) points[7] = Vec3d(-6.144, 0, 1.0 / 3);
       std::string text;
       for (const Vec3d& p : points) text += fmt::format("{} {} {}\n", p.x(), p.y(), p.z());
       std::ofstream(folder / "a.xyz") << text;
@@ -121,12 +128,23 @@ TEST(StrayCoordinates, DoublesAndTextPassThroughToTheLastBit) {
         std::getline(written, line);
         std::istringstream(line) >> words[0] >> words[1] >> words[2];
         for (int axis = 0; axis < 3; ++axis) {
-          EXPECT_EQ(words[static_cast<std::size_t>(axis)], fmt::format("{}", p[axis]))
+          EXPECT_EQ(words[static_cast<std::size_t>(axis)], shortest(p[axis]))
               << place << (stray ? ", stray" : "");
         }
       }
     }
   }
+}
+
+TEST(StrayCoordinates, DecimalsBesidePointsFarAwayPassThrough) {
+  const TemporaryFolder folder;
+  const std::string text =
+      "29389297287168 1 1\n29389297287168 2 1\n29389297287168 3 1\n-6.144 0.001 5\n";
+  std::ofstream(folder / "a.xyz") << text;
+  write_cloud(read_cloud(folder / "a.xyz"), folder / "b.ply");
+  write_cloud(read_cloud(folder / "b.ply"), folder / "c.xyz");
+  const std::string written = read_text(folder / "c.xyz");
+  EXPECT_TRUE(written.ends_with(text)) << written;
 }
 
 TEST(StrayCoordinates, FloatsInTextStayFloats) {

@@ -191,12 +191,12 @@ TEST(JoinClouds, FarPositionsAreMovedInDouble) {
   const std::vector<Vec3d> expected{
       {1e7, 0, 0}, {1e7 + 1, 2, 3}, {1e7 + 0.1875, 0, 0}, {1e7 + 3.125, 0, 0}};
   for (std::size_t i = 0; i < 4; ++i) EXPECT_EQ(joined.world(i), expected[i]) << i;
-  EXPECT_TRUE(joined.remainder.empty());
+  EXPECT_TRUE(joined.exact.empty());
   // Offsets from no origin hold these.
   b.origin = Vec3d(-1e7 + 0.1, 0, 0);
   const SurfelCloud alone = b;
   joined = join({a, b});
-  EXPECT_EQ(joined.remainder.size(), 4U);
+  EXPECT_EQ(joined.exact.size(), 4U);
   for (std::size_t i = 0; i < 2; ++i) {
     EXPECT_EQ(joined.world(i), a.world(i));
     EXPECT_EQ(joined.world(2 + i), alone.world(i));

@@ -1,3 +1,4 @@
+#include <cmath>
 #include <cstring>
 #include <limits>
 
@@ -41,6 +42,22 @@ SurfelCloud full_cloud(std::size_t count) {
     cloud.extra.push_back(property);
   }
   return cloud;
+}
+
+TEST(SurfelCloud, ExactCoordinatesCountUntilASurfelIsMoved) {
+  SurfelCloud cloud;
+  cloud.origin = Vec3d(1e14, 0.5, 0);
+  cloud.position.resize(2);
+  cloud.exact.resize(2);
+  const Vec3d place(-6.144, 1.0 / 3, std::numeric_limits<double>::quiet_NaN());
+  for (std::size_t i = 0; i < 2; ++i) cloud.place(i, place);
+  cloud.position[1].y() += 1;
+  for (std::size_t i = 0; i < 2; ++i) {
+    EXPECT_EQ(cloud.world(i).x(), place.x());
+    EXPECT_TRUE(std::isnan(cloud.world(i).z()));
+  }
+  EXPECT_EQ(cloud.world(0).y(), place.y());
+  EXPECT_EQ(cloud.world(1).y(), 0.5 + static_cast<double>(cloud.position[1].y()));
 }
 
 TEST(SurfelCloud, GatheredTakesEveryColumnAndKeepsWhatIsFileWide) {

@@ -79,24 +79,31 @@ Cells cells_of(const SurfelCloud& cloud, const Array<std::uint32_t>& points, con
 
 /// A value of a column as a vector to sum up, and back.
 Vec3d summand(const Vec3f& value) { return value.cast<double>(); }
-const Vec3d& summand(const Vec3d& value) { return value; }
 double summand(float value) { return static_cast<double>(value); }
 void assign(const Vec3d& mean, Vec3f& value) { value = mean.cast<float>(); }
-void assign(const Vec3d& mean, Vec3d& value) { value = mean; }
 void assign(double mean, float& value) { value = static_cast<float>(mean); }
 
-/// The means of a column over cells; order[i] is the cell of the i-th.
+/// Calls assign(i, mean of value(point)) for the points of each cell; order[i] is the i-th cell.
+template <class Value, class Assign>
+void average(const Cells& cells, const Array<std::uint32_t>& order, const Value& value,
+             const Assign& assign) {
+  parallel_each(order.size(), kVoxelGrain, [&](std::size_t i) {
+    const std::uint32_t begin = cells.begin[order[i]];
+    const std::uint32_t end = cells.begin[order[i] + 1];
+    auto sum = value(cells.point[begin]);
+    for (std::uint32_t at = begin + 1; at < end; ++at) sum += value(cells.point[at]);
+    assign(i, sum / static_cast<double>(end - begin));
+  });
+}
+
+/// The means of a column over cells.
 template <class T>
 void average(const Array<T>& values, const Cells& cells, const Array<std::uint32_t>& order,
              Array<T>& means) {
   if (values.empty()) return;
-  parallel_each(order.size(), kVoxelGrain, [&](std::size_t i) {
-    const std::uint32_t begin = cells.begin[order[i]];
-    const std::uint32_t end = cells.begin[order[i] + 1];
-    auto sum = summand(values[cells.point[begin]]);
-    for (std::uint32_t at = begin + 1; at < end; ++at) sum += summand(values[cells.point[at]]);
-    assign(sum / static_cast<double>(end - begin), means[i]);
-  });
+  average(
+      cells, order, [&](std::uint32_t point) { return summand(values[point]); },
+      [&](std::size_t i, const auto& mean) { assign(mean, means[i]); });
 }
 
 /// Of each cell the point nearest to the mean of its positions, the first one of several.
@@ -155,8 +162,13 @@ SurfelCloud average_voxels(const SurfelCloud& cloud, const Array<std::uint32_t>&
   Array<std::uint32_t> kept(order.size());
   for (std::size_t i = 0; i < kept.size(); ++i) kept[i] = nearest[order[i]];
   SurfelCloud out = cloud.gathered(kept);
-  average(cloud.position, cells, order, out.position);
-  average(cloud.remainder, cells, order, out.remainder);
+  if (cloud.exact.empty()) {
+    average(cloud.position, cells, order, out.position);
+  } else {
+    average(
+        cells, order, [&](std::uint32_t point) { return cloud.world(point); },
+        [&](std::size_t i, const Vec3d& mean) { out.place(i, mean); });
+  }
   average(cloud.normal, cells, order, out.normal);
   average(cloud.color, cells, order, out.color);
   average(cloud.coefficient, cells, order, out.coefficient);

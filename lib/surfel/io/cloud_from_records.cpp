@@ -84,10 +84,10 @@ class Reader {
   template <int kSize>
   void add_vector(SurfelAttribute attribute, Array<Eigen::Matrix<float, kSize, 1>>& to);
   void add_columns();
-  void add_remainders();
+  void add_exact();
   bool counts_decimals() const { return table_.step == 0 && decoder_.double_positions(); }
   PointPlace place_of(const Measures& measures) const;
-  bool leaves_remainders(const PointPlace& place) const;
+  bool needs_exact(const PointPlace& place) const;
   void pass(std::span<const Column> columns, Measures* measures);
   SurfelCloud finished(bool double_positions, const PointPlace& place);
 
@@ -166,15 +166,15 @@ void Reader::add_columns() {
   }
 }
 
-void Reader::add_remainders() {
-  allocate(cloud_.remainder, table_.count);
+void Reader::add_exact() {
+  allocate(cloud_.exact, table_.count);
   columns_.emplace_back([this](const std::byte* records, std::size_t begin, std::size_t count) {
-    decoder_.decode_remainders(records, count, cloud_.remainder.data() + begin);
+    decoder_.decode_exact(records, count, cloud_.exact.data() + begin);
   });
 }
 
 /// Are there coordinates that offsets from the origin do not tell to the last bit?
-bool Reader::leaves_remainders(const PointPlace& place) const {
+bool Reader::needs_exact(const PointPlace& place) const {
   if (!decoder_.double_positions()) return false;
   const double step = place.decimals ? 1 / power_of_ten(*place.decimals) : table_.step;
   if (step > 0) return !tells_apart(place.bounds, place.origin, step);
@@ -193,7 +193,7 @@ PointPlace Reader::place_of(const Measures& measures) const {
   if (core.diagonal() == box.diagonal() && table_.said_bounds && !counts_decimals() &&
       about_the_same(*table_.said_bounds, box)) {
     PointPlace place{box, origin_for(*table_.said_bounds, table_.step > 0), {}};
-    place.remainders = leaves_remainders(place);
+    place.exact = needs_exact(place);
     return place;
   }
   const std::vector<int>& decimals = measures.decimals;
@@ -201,7 +201,7 @@ PointPlace Reader::place_of(const Measures& measures) const {
   if (!decimals.empty()) most = *std::max_element(decimals.begin(), decimals.end());
   PointPlace place = place_points(core, table_.step > 0, most);
   place.bounds = box;
-  place.remainders = leaves_remainders(place);
+  place.exact = needs_exact(place);
   return place;
 }
 
@@ -264,8 +264,8 @@ SurfelCloud Reader::read(bool double_positions) {
   place = place_of(measures);
   decoder_.set_origin(place.origin);
   if (place.origin != assumed) pass(std::span(columns_).first(1), nullptr);
-  if (place.remainders) {
-    add_remainders();
+  if (place.exact) {
+    add_exact();
     pass(std::span(columns_).last(1), nullptr);
   }
   return finished(double_positions, place);
@@ -273,7 +273,7 @@ SurfelCloud Reader::read(bool double_positions) {
 
 SurfelCloud Reader::read(bool double_positions, const PointPlace& place) {
   add_columns();
-  if (place.remainders) add_remainders();
+  if (place.exact) add_exact();
   decoder_.set_origin(place.origin);
   pass(columns_, nullptr);
   return finished(double_positions, place);

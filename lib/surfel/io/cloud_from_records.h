@@ -42,7 +42,7 @@ struct PointPlace {
   Bounds bounds;                ///< Of the finite positions, world coordinates.
   Vec3d origin{0, 0, 0};        ///< SurfelCloud::origin.
   std::optional<int> decimals;  ///< SurfelCloud::decimals.
-  bool remainders = false;      ///< The clouds have SurfelCloud::remainder.
+  bool exact = false;           ///< The clouds have SurfelCloud::exact.
 };
 
 /// Where points are placed whose bounds are known, one at least.

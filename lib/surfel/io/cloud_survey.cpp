@@ -55,8 +55,7 @@ Array<std::uint32_t> outermost_rows(const SurfelCloud& cloud) {
       const auto less = [&](std::uint32_t a, std::uint32_t b) {
         const float x = cloud.position[a][axis];
         const float y = cloud.position[b][axis];
-        if (x != y || cloud.remainder.empty()) return x < y;
-        return cloud.remainder[a][axis] < cloud.remainder[b][axis];
+        return x == y ? cloud.world(a, axis) < cloud.world(b, axis) : x < y;
       };
       std::optional<std::uint32_t>& least = found[2 * axis];
       std::optional<std::uint32_t>& most = found[2 * axis + 1];
@@ -91,7 +90,7 @@ void CloudSurvey::add(const SurfelCloud& piece) {
   decimals = decimals && piece.decimals ? std::optional(std::max(*decimals, *piece.decimals))
                                         : std::nullopt;
   count += piece.size();
-  remainders = remainders || !piece.remainder.empty();
+  exact = exact || !piece.exact.empty();
   if (with_ranges_) {
     add_ranges(piece);
   } else if (float_positions) {

@@ -42,7 +42,7 @@ class SURFEL_API CloudSurvey {
   std::optional<std::uint64_t> nowhere;
   std::optional<int> decimals;         ///< SurfelCloud::decimals, the most of all pieces.
   bool float_positions = true;         ///< All coordinates are floats, wherever the origins lie.
-  bool remainders = false;             ///< Floats do not hold all coordinates (SurfelCloud).
+  bool exact = false;                  ///< Floats do not hold all coordinates (SurfelCloud).
   std::map<std::string, Range> range;  ///< By the column's name in files; for LAS alone.
 
  private:

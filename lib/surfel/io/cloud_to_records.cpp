@@ -34,7 +34,7 @@ bool is_decimal_of(double x, float nearest) {
 /// Are all coordinates of this axis exact as float, or decimals that floats are written as?
 bool exact_in_float(const SurfelCloud& cloud, const ExactCoordinates& coordinates, int axis) {
   const bool near = cloud.origin[axis] == 0;
-  if (near && cloud.remainder.empty()) return true;
+  if (near && cloud.exact.empty()) return true;
   std::atomic<bool> exact{true};
   parallel_for(cloud.size(), kCloudGrain, [&](std::size_t begin, std::size_t end, int) {
     for (std::size_t i = begin; i < end && exact; ++i) {
@@ -99,7 +99,7 @@ void CloudRecords::add_position(const CloudRecordOptions& options) {
   const ExactCoordinates coordinates(cloud_, options.for_text);
   const auto narrow = [&](int axis) { return exact_in_float(cloud_, coordinates, axis); };
   const bool decimal =
-      options.for_text && (cloud_.origin != Vec3d::Zero() || !cloud_.remainder.empty());
+      options.for_text && (cloud_.origin != Vec3d::Zero() || !cloud_.exact.empty());
   const bool wide = options.double_positions || cloud_.double_positions || cloud_.las || decimal ||
                     !(narrow(0) && narrow(1) && narrow(2));
   constexpr const char* kNames[] = {"x", "y", "z"};

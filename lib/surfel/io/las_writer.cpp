@@ -348,7 +348,7 @@ class LasWriter::Impl {
     if (survey_.decimals) {
       step = 1 / power_of_ten(*survey_.decimals);
       offset_ = first.origin.array().round();
-    } else if (survey_.remainders) {
+    } else if (survey_.exact) {
       step = 0;
     } else if (!box.empty()) {
       const Bounds core = survey_.core();

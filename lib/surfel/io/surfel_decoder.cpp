@@ -350,17 +350,13 @@ void SurfelDecoder::measure(const std::byte* records, std::size_t count,
   }
 }
 
-void SurfelDecoder::decode_remainders(const std::byte* records, std::size_t count,
-                                      Vec3d* to) const {
+void SurfelDecoder::decode_exact(const std::byte* records, std::size_t count, Vec3d* to) const {
   for (int axis = 0; axis < 3; ++axis) {
     const RecordColumn& column = *fields_[index(kPosition)].columns[static_cast<std::size_t>(axis)];
-    const double origin = origin_[axis];
     visit_column(column, table_.swapped, [&](auto load) {
       const std::byte* at = records + column.offset;
       for (std::size_t i = 0; i < count; ++i, at += table_.stride) {
-        const auto x = static_cast<double>(load(at));
-        const double rest = x - (origin + static_cast<double>(static_cast<float>(x - origin)));
-        to[i][axis] = std::isfinite(rest) ? rest : 0;
+        to[i][axis] = static_cast<double>(load(at));
       }
     });
   }

@@ -94,9 +94,8 @@ class SurfelDecoder {
   void measure(const std::byte* records, std::size_t count, Bounds& box) const;
   /// Adds the coordinates of `count` records, kPiece at most, in world coordinates.
   void measure(const std::byte* records, std::size_t count, CoordinateSpread& spread) const;
-  /// Writes what the positions that decode() gives leave of the coordinates of `count` records; 0
-  /// where those are not finite.
-  void decode_remainders(const std::byte* records, std::size_t count, Vec3d* to) const;
+  /// Writes the world coordinates of `count` records to the last bit.
+  void decode_exact(const std::byte* records, std::size_t count, Vec3d* to) const;
   /// Do float offsets from an origin tell the finite coordinates of `count` records to the last
   /// bit?
   bool offsets_are_exact(const std::byte* records, std::size_t count, const Vec3d& origin) const;

@@ -9,7 +9,6 @@
 #include <surfel/lod/surfel_merge.h>
 #include <surfel/scene/amplitude.h>
 #include <surfel/scene/clips.h>
-#include <surfel/scene/exact_coordinates.h>
 #include <surfel/surface/tangent_frame.h>
 
 namespace surfel {
@@ -185,7 +184,7 @@ MergeSurfel merged(std::span<const MergeSurfel> surfels, std::span<const std::ui
 }
 
 void write_attributes(SurfelCloud& cloud, std::size_t i, const MergeSurfel& merged) {
-  move_surfel(cloud, i, merged.position);
+  cloud.position[i] = merged.position;
   const auto write = [i](auto& column, const auto& value) {
     if (!column.empty()) column[i] = value;
   };

@@ -1,7 +1,6 @@
 #include <algorithm>
 
 #include <surfel/scene/clips.h>
-#include <surfel/scene/exact_coordinates.h>
 
 namespace surfel {
 namespace {
@@ -33,7 +32,7 @@ CutSurfel cut_surfel(const SurfelCloud& cloud, std::size_t i) {
 }
 
 void put_cut_surfel(const CutSurfel& surfel, SurfelCloud& cloud, std::size_t i) {
-  move_surfel(cloud, i, surfel.position.cast<float>());
+  cloud.position[i] = surfel.position.cast<float>();
   if (cloud.anisotropic()) cloud.tangent[i] = surfel.tangent.cast<float>();
   const auto put = [i](const HalfPlane& plane, Array<Vec3f>& direction, Array<float>& distance) {
     if (direction.empty()) return;

@@ -9,7 +9,7 @@ namespace surfel {
 template <class A, class B, class Visit>
 void visit_column_pairs(A& a, B& b, const Visit& visit) {
   visit(a.position, b.position);
-  visit(a.remainder, b.remainder);
+  visit(a.exact, b.exact);
   visit(a.normal, b.normal);
   visit(a.shading_normal, b.shading_normal);
   visit(a.variance, b.variance);

@@ -36,7 +36,7 @@ double ExactCoordinates::Grid::nearest(double x, double rounding) const {
 }
 
 ExactCoordinates::ExactCoordinates(const SurfelCloud& cloud, bool for_text) : cloud_(cloud) {
-  const bool rounded = cloud.remainder.empty();
+  const bool rounded = cloud.exact.empty();
   for (int axis = 0; axis < 3; ++axis) {
     std::optional<Grid>& grid = grid_[static_cast<std::size_t>(axis)];
     if (!cloud.las) {
@@ -53,17 +53,11 @@ ExactCoordinates::ExactCoordinates(const SurfelCloud& cloud, bool for_text) : cl
 }
 
 double ExactCoordinates::operator()(std::size_t i, int axis) const {
-  const double origin = cloud_.origin[axis];
-  const auto offset = static_cast<double>(cloud_.position[i][axis]);
-  // Not 0 + x, which makes 0 of -0.
-  double x = origin == 0 ? offset : origin + offset;
-  double rounding = std::abs(offset) * 0x1p-23;
-  if (!cloud_.remainder.empty()) {
-    if (const double rest = cloud_.remainder[i][axis]; rest != 0) x += rest;
-    rounding = 0;
-  }
+  const double x = cloud_.world(i, axis);
   const std::optional<Grid>& grid = grid_[static_cast<std::size_t>(axis)];
-  return grid ? grid->nearest(x, rounding) : x;
+  if (!grid) return x;
+  const auto offset = static_cast<double>(cloud_.position[i][axis]);
+  return grid->nearest(x, cloud_.exact.empty() ? std::abs(offset) * 0x1p-23 : 0);
 }
 
 }  // namespace surfel

@@ -21,14 +21,6 @@ constexpr double power_of_ten(int decimals) {
 /// Do float offsets from the origin tell multiples of a step apart everywhere in a box?
 bool tells_apart(const Bounds& box, const Vec3d& origin, double step);
 
-/// Gives a surfel another place, relative to the origin; where that is its own, the remainder
-/// stays.
-inline void move_surfel(SurfelCloud& cloud, std::size_t i, const Vec3f& position) {
-  if (cloud.position[i] == position) return;
-  cloud.position[i] = position;
-  if (!cloud.remainder.empty()) cloud.remainder[i].setZero();
-}
-
 /// The coordinates of a cloud as a file gets them: those that were read, to the last bit. Internal
 /// to the library.
 class ExactCoordinates {

@@ -75,14 +75,12 @@ std::vector<std::string> renumbered(std::vector<std::string> comments, std::size
 }
 
 /// Makes coordinates exact that count as exact by their decimals, or by the steps of their file.
-void keep_remainders(SurfelCloud& cloud) {
-  const ExactCoordinates exact(cloud, true);
-  Array<Vec3d> remainder(cloud.size());
-  parallel_each(cloud.size(), kJoinGrain, [&](std::size_t i) {
-    const Vec3d rounded = cloud.origin + cloud.position[i].cast<double>();
-    remainder[i] = cloud.position[i].allFinite() ? Vec3d(exact(i) - rounded) : Vec3d::Zero();
-  });
-  cloud.remainder = std::move(remainder);
+void keep_exact(SurfelCloud& cloud) {
+  const ExactCoordinates coordinates(cloud, true);
+  Array<Vec3d> exact(cloud.size());
+  parallel_each(cloud.size(), kJoinGrain, [&](std::size_t i) { exact[i] = coordinates(i); });
+  cloud.exact = std::move(exact);
+  parallel_each(cloud.size(), kJoinGrain, [&](std::size_t i) { cloud.place(i, cloud.exact[i]); });
   cloud.decimals.reset();
 }
 
@@ -441,7 +439,7 @@ SurfelCloud CloudJoiner::Impl::join(std::size_t k, SurfelCloud cloud) {
   if (heads.size() == 1) return cloud;
   const bool stepped = cloud.las && header.las && cloud.las->scale == header.las->scale &&
                        cloud.las->offset == header.las->offset;
-  if ((cloud.las || header.las) && !stepped) keep_remainders(cloud);
+  if ((cloud.las || header.las) && !stepped) keep_exact(cloud);
   fill_columns(k, cloud);
   fill_extra(k, cloud);
   number_sources(cloud);
@@ -484,31 +482,28 @@ void append_positions(const std::vector<SurfelCloud>& clouds, SurfelCloud& out) 
   }
   // Coordinates that are floats are exact about an origin that suits the whole box.
   const bool floats = std::all_of(clouds.begin(), clouds.end(), [](const SurfelCloud& cloud) {
-    return !cloud.double_positions && !cloud.decimals && !cloud.las && cloud.remainder.empty();
+    return !cloud.double_positions && !cloud.decimals && !cloud.las && cloud.exact.empty();
   });
   out.origin = float_origin(floats ? box : spread.core(box));
   const auto for_each = [&](const auto& visit) {
     std::size_t first = 0;
     for (const SurfelCloud& cloud : clouds) {
       const ExactCoordinates exact(cloud);
-      parallel_each(cloud.size(), kJoinGrain,
-                    [&](std::size_t i) { visit(first + i, cloud.position[i], exact(i)); });
+      parallel_each(cloud.size(), kJoinGrain, [&](std::size_t i) { visit(first + i, exact(i)); });
       first += cloud.size();
     }
   };
-  out.remainder = {};
+  out.exact = {};
   const ExactCoordinates appended(out);
   std::atomic<bool> all_exact = true;
-  for_each([&](std::size_t to, const Vec3f& from, const Vec3d& exact) {
+  for_each([&](std::size_t to, const Vec3d& exact) {
     out.position[to] = (exact - out.origin).cast<float>();
-    if (from.allFinite() && appended(to) != exact) all_exact = false;
+    const bool same = (appended(to).array() == exact.array() || exact.array().isNaN()).all();
+    if (!same) all_exact = false;
   });
   if (all_exact) return;
-  Array<Vec3d> remainder(out.size());
-  for_each([&](std::size_t to, const Vec3f& from, const Vec3d& exact) {
-    remainder[to] = from.allFinite() ? Vec3d(exact - out.world(to)) : Vec3d::Zero();
-  });
-  out.remainder = std::move(remainder);
+  out.exact.resize(out.size());
+  for_each([&](std::size_t to, const Vec3d& exact) { out.exact[to] = exact; });
 }
 
 /// Clouds with the same columns, one after the other.
@@ -539,7 +534,7 @@ SurfelCloud concatenated(std::vector<SurfelCloud> clouds) {
     const std::size_t count = cloud.size();
     // The positions are there already.
     cloud.position = {};
-    cloud.remainder = {};
+    cloud.exact = {};
     visit_column_pairs(cloud, out, [&](const auto& from, auto& to) {
       std::copy(from.begin(), from.end(), to.begin() + static_cast<std::ptrdiff_t>(first));
     });

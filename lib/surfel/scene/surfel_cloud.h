@@ -75,17 +75,18 @@ struct LasStorage {
 /// docs/format.md lists the columns as files have them; colours here are linear light.
 struct SURFEL_API SurfelCloud {
   Vec3d origin{0, 0, 0};  ///< World position = origin + position, so that far-away scenes keep
-                          ///< their precision in float; see `remainder`.
+                          ///< their precision in float; see `exact`.
   bool double_positions = false;  ///< Write x y z as double whatever the origin.
   /// Digits behind the decimal point of the file's coordinates, where these have double precision
   /// and few digits: coordinates are written with the same digits, which offsets from the origin
-  /// tell apart where there is no `remainder`. Unset: not so, or moved since.
+  /// tell apart where there is no `exact`. Unset: not so, or moved since.
   std::optional<int> decimals;
 
   Array<Vec3f> position;  ///< Scene units, relative to `origin`.
-  /// What floats leave of coordinates, scene units: the world position to the last bit that the
-  /// file had is origin + position + remainder. Only for writing; there where it is not zero.
-  Array<Vec3d> remainder;
+  /// The world position to the last bit that the file had, there where floats about the origin do
+  /// not tell it. It counts while `position` is what it rounds to, so that surfels are moved by
+  /// their `position` alone; see world().
+  Array<Vec3d> exact;
   Array<Vec3f> normal;  ///< Unit length; all zero = unknown. The disc lies across it.
   /// Mean of a normal map's normals under the surfel's Gaussian, for shading: its length, 1 at
   /// most, tells how much they vary. All zero = as `normal`.
@@ -151,9 +152,20 @@ struct SURFEL_API SurfelCloud {
   /// `scan`, in world coordinates; empty where they do not tell it of every surfel.
   Array<Vec3d> sensors() const;
 
-  Vec3d world(std::size_t i) const {
-    const Vec3d rounded = origin + position[i].cast<double>();
-    return remainder.empty() ? rounded : Vec3d(rounded + remainder[i]);
+  double world(std::size_t i, int axis) const {
+    const float offset = position[i][axis];
+    if (!exact.empty() && static_cast<float>(exact[i][axis] - origin[axis]) == offset) {
+      return exact[i][axis];
+    }
+    // Not 0 + x, which makes 0 of -0.
+    return origin[axis] == 0 ? static_cast<double>(offset)
+                             : origin[axis] + static_cast<double>(offset);
+  }
+  Vec3d world(std::size_t i) const { return {world(i, 0), world(i, 1), world(i, 2)}; }
+  /// Moves a surfel to a place that is told to the last bit; `exact` is there.
+  void place(std::size_t i, const Vec3d& at) {
+    exact[i] = at;
+    position[i] = (at - origin).cast<float>();
   }
   /// Bounds of the finite positions, in world coordinates.
   Bounds bounds() const;
@@ -170,7 +182,7 @@ struct SURFEL_API SurfelCloud {
 template <class Cloud, class Visit>
 void SurfelCloud::visit_columns(Cloud& cloud, Visit&& visit) {
   visit(cloud.position);
-  visit(cloud.remainder);
+  visit(cloud.exact);
   visit(cloud.normal);
   visit(cloud.shading_normal);
   visit(cloud.variance);

@@ -59,14 +59,12 @@ void transform_cloud(SurfelCloud& cloud, const Similarity& similarity) {
   const Vec3d shift = at_old_origin.origin - origin;
   parallel_each(cloud.size(), kTransformGrain, [&](std::size_t i) {
     Vec3f& p = cloud.position[i];
-    if (cloud.remainder.empty()) {
+    if (cloud.exact.empty()) {
       p = (linear * p.cast<double>() + shift).cast<float>();
-      return;
+    } else {
+      cloud.exact[i] = moved(cloud.world(i));
+      p = (cloud.exact[i] - origin).cast<float>();
     }
-    Vec3d& rest = cloud.remainder[i];
-    const Vec3d exact = linear * (p.cast<double>() + rest) + shift;
-    p = exact.cast<float>();
-    rest = p.allFinite() ? Vec3d(exact - p.cast<double>()) : Vec3d::Zero();
   });
   cloud.origin = origin;
 
