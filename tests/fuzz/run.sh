@@ -28,7 +28,7 @@ for name in "$@"; do
     continue
   fi
   # Where bytes are numbers, few of them cover as much as many do, in less time.
-  case $name in names | settings) most=128 ;; estimate | requests | written) most=256 ;; gaussians | render) most=512 ;; cloud_la[sz]) most=8192 ;; *) most=1024 ;; esac
+  case $name in written) most=96 ;; names | settings) most=128 ;; estimate | requests) most=256 ;; gaussians | render) most=512 ;; cloud_la[sz]) most=8192 ;; *) most=1024 ;; esac
   options=(-max_total_time=$((60 * minutes)) -timeout=10 -rss_limit_mb=2048 -max_len=$most -entropic=0 -print_final_stats=1)
   if [ -f "$here/dictionaries/$name.txt" ]; then options+=(-dict="$here/dictionaries/$name.txt"); fi
   folders=("$corpus" "$here/corpus/$name")

@@ -373,7 +373,7 @@ bool has_usable_extent(const Table& table) {
 
 /// Makes a table of few rows of the bytes, whose columns have names of LAS fields and any values,
 /// and writes it as the first byte says: coordinates and columns are read again as they were, but
-/// for what notes say, and what was read is written as it is.
+/// for what notes say. What was read of one in four inputs is written once more, as it is.
 void written(Bytes bytes) {
   static const test::TemporaryFolder folder;
   FieldNumbers numbers(bytes);
@@ -416,6 +416,8 @@ void written(Bytes bytes) {
   require_columns(table, read, kind, notes);
   require_colors(table, cloud, read, kind);
 
+  // To write and read once more takes as long as all before, and seldom finds more.
+  if (bytes.size() % 4 != 0) return;
   require(write_cloud(read, path).empty(), "what was read is not written as it is");
   require_same_cloud(read, read_cloud(path), kind.text);
 }

@@ -163,7 +163,9 @@ void remove_abandoned(const std::string& folder) {
 int create_temporary(std::string& path, mode_t mode) {
   constexpr int kMostTries = 100;  // 36^6 names: one that is taken is rare, two in a row are none.
   const std::size_t place = path.rfind(kRandomPart);
-  std::random_device random;
+  // Opened once a thread: where the processor is a virtual one, to ask it for random numbers takes
+  // longer than to write a small file.
+  static thread_local std::random_device random;
   for (int i = 0; i < kMostTries; ++i) {
     for (std::size_t k = 0; k < kRandomPart.size(); ++k) {
       path[place + k] = kLetters[random() % kLetters.size()];
