@@ -34,6 +34,8 @@ constexpr std::size_t kRequestBytes = std::size_t{1} << 14;
 /// The time in which a client has to read an answer, which is of a few megabytes at most: one that
 /// reads a byte now and then would hold its connection for ever.
 constexpr auto kWriteTime = std::chrono::seconds(30);
+/// The bytes that are read and dropped behind a request.
+constexpr std::size_t kDroppedBytes = std::size_t{1} << 24;
 constexpr auto kLook = std::chrono::milliseconds(50);
 
 /// A connection that reads kRequestBytes in kRequestTime at most, however slowly they come, and
@@ -72,7 +74,11 @@ class LimitedStream final : public httplib::Stream {
   /// drops what was sent.
   void finish() {
     shutdown(socket_, SHUT_WR);
-    while (receive(bytes_.data(), bytes_.size()) > 0) continue;
+    for (std::size_t dropped = 0; dropped < kDroppedBytes;) {
+      const std::size_t got = receive(bytes_.data(), bytes_.size());
+      if (got == 0) break;
+      dropped += got;
+    }
   }
 
   void get_remote_ip_and_port(std::string& ip, int& port) const override {
