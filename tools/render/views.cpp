@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 #include <string_view>
+#include <utility>
 
 #include <fmt/format.h>
 #include <surfel/base/error.h>
@@ -239,6 +240,7 @@ void aim(tool::Tool& tool, const Settings& s, const SurfaceSample& sample, ViewH
 std::vector<View> complete_views(const tool::Tool& tool, const Settings& s,
                                  const std::vector<AskedView>& views, const SceneExtent& scene) {
   std::vector<View> all;
+  all.reserve(views.size() * static_cast<std::size_t>(std::max(s.turntable, 1)));
   bool strays_left_out = false;
   for (const AskedView& view : views) {
     const bool framed = !view.known && (!view.options.eye || !view.options.target);
@@ -261,7 +263,7 @@ std::vector<View> complete_views(const tool::Tool& tool, const Settings& s,
                     "--frame-all takes them in",
                     scene.stray));
   }
-  return s.path ? along_path(s, views, all) : all;
+  return s.path ? along_path(s, views, all) : std::move(all);
 }
 
 /// From within a scene its middle, or its surface, may be as near as can be.

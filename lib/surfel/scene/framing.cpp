@@ -138,6 +138,7 @@ std::vector<Camera> turntable(const CameraOptions& options, const SceneExtent& s
   const Camera first = make_camera(options, scene);
   const Vec3d target = view_target(options, scene);
   std::vector<Camera> cameras;
+  cameras.reserve(static_cast<std::size_t>(std::max(count, 0)));
   for (int i = 0; i < count; ++i) {
     const Eigen::Matrix3d turn =
         rotation_about(options.up_or_y().normalized(), 2 * std::numbers::pi * i / count).matrix();
