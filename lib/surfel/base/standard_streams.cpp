@@ -36,12 +36,14 @@ void require_standard_input() {
 bool is_standard_output(const std::string& path) {
   namespace fs = std::filesystem;
   std::error_code error;
-  const fs::path own = fs::canonical("/proc/self/fd", error);
   fs::path name = path;
   constexpr int kMostLinks = 40;  // The kernel follows as many.
   for (int i = 0; !error && i < kMostLinks && name != "-"; ++i) {
     // A descriptor is a link, too, to what it was opened as.
-    if (name.filename() == "1" && fs::canonical(name.parent_path(), error) == own) return true;
+    if (name.filename() == "1") {
+      const fs::path own = fs::canonical("/proc/self/fd", error);
+      if (!error && fs::canonical(name.parent_path(), error) == own) return true;
+    }
     if (!fs::is_symlink(name, error)) break;
     name = name.parent_path() / fs::read_symlink(name, error);
   }
