@@ -136,15 +136,18 @@ TEST(StrayCoordinates, DoublesAndTextPassThroughToTheLastBit) {
   }
 }
 
-TEST(StrayCoordinates, DecimalsBesidePointsFarAwayPassThrough) {
+TEST(StrayCoordinates, CoordinatesBesideFarLargerOnesPassThrough) {
   const TemporaryFolder folder;
-  const std::string text =
-      "29389297287168 1 1\n29389297287168 2 1\n29389297287168 3 1\n-6.144 0.001 5\n";
-  std::ofstream(folder / "a.xyz") << text;
-  write_cloud(read_cloud(folder / "a.xyz"), folder / "b.ply");
-  write_cloud(read_cloud(folder / "b.ply"), folder / "c.xyz");
-  const std::string written = read_text(folder / "c.xyz");
-  EXPECT_TRUE(written.ends_with(text)) << written;
+  for (const char* const text :
+       {"29389297287168 1 1\n29389297287168 2 1\n29389297287168 3 1\n-6.144 0.001 5\n",
+        "1.53063836e-18 1 1.53063836e-18\n1.53063836e-18 1 1.53063836e-18\n"
+        "1.53063836e-18 1 1.53063836e-18\n0 0.643 5.4323e-312\n"}) {
+    std::ofstream(folder / "a.xyz") << text;
+    write_cloud(read_cloud(folder / "a.xyz"), folder / "b.ply");
+    write_cloud(read_cloud(folder / "b.ply"), folder / "c.xyz");
+    const std::string written = read_text(folder / "c.xyz");
+    EXPECT_TRUE(written.ends_with(text)) << written;
+  }
 }
 
 TEST(StrayCoordinates, FloatsInTextStayFloats) {
