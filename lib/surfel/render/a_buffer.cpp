@@ -124,11 +124,13 @@ bool is_far_side(const TileABuffer& tile, const Fragment& back, const EdgeNeighb
          around.nearest_front >= depth - kRimDepth * std::abs(depth);
 }
 
-/// Is a fragment a whole surface of which the DepthSlope is known?
+/// Is a fragment a whole surface of which the DepthSlope is known? At grazing angles the slopes of
+/// uneven surfaces change too fast.
 bool is_slanted(const TileABuffer& tile, const Fragment& fragment) {
   const float* const c = fragment.channel;
   return tile.layout.planes && !is_merged(fragment) && is_filtered(c[kTag]) &&
-         c[kWeight] >= kWholeSurface * tile.mean_weight;
+         c[kWeight] >= kWholeSurface * tile.mean_weight &&
+         (is_even(c[kTag]) || !is_grazing(c[kTag]));
 }
 
 /// Does it tell the depths some pixels around, too?
@@ -233,7 +235,10 @@ void cross(const TileABuffer& tile, SeenFragment& seen, std::span<SeenFragment> 
   const float slope = std::sqrt((a.x - b.x) * (a.x - b.x) + (a.y - b.y) * (a.y - b.y));
   constexpr float kFar = 4;  // Pixels.
   if (!(gap < kFar * slope)) return;
-  seen.coverage *= tile.edge_filter->half_plane(gap / slope);
+  // A surface that ends beside the line covers less.
+  const float coverage = tile.edge_filter->half_plane(gap / slope);
+  if (!(coverage < seen.coverage)) return;
+  seen.coverage = coverage;
   seen.full_weight = fragment.channel[kWeight] / seen.coverage;
   found->coverage = 1;
   found->full_weight = next.channel[kWeight];

@@ -426,7 +426,7 @@ void find_edges() {
 }
 
 // Surfaces that cross share the pixel by what the pixel filter has on either side of the line.
-bool is_slanted(Layer l) { return is_filtered(l) && l.weight >= 0.85 * u_mean; }
+bool is_slanted(Layer l) { return is_filtered(l) && (l.flags & 4) == 0 && l.weight >= 0.85 * u_mean; }
 void cross_layers() {
   for (int i = 0; i + 1 < count && u_opaque; ++i) {
     int next = i + 1;
@@ -436,7 +436,9 @@ void cross_layers() {
     float gap = layers[i].depth - layers[next].depth;
     if (!(gap < 4.0 * slope)) continue;
     float d = gap / slope;
-    layers[i].cover *= 0.5 + 0.5 * sign(d) * sqrt(1.0 - exp(-0.63661977 * d * d));
+    float cover = 0.5 + 0.5 * sign(d) * sqrt(1.0 - exp(-0.63661977 * d * d));
+    if (cover >= layers[i].cover) continue;
+    layers[i].cover = cover;
     layers[next].cover = 1.0;
   }
 }
