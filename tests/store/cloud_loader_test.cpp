@@ -8,6 +8,7 @@
 #include <type_traits>
 #include <utility>
 
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 #include <surfel/base/error.h>
 #include <surfel/base/morton.h>
@@ -204,17 +205,22 @@ TEST(LoadedCloud, RefusesFilesWithoutAnyUsableSurfel) {
   const TemporaryFolder folder;
   SurfelCloud cloud = ordered("sphere", 3);
   cloud.position.assign(3, Vec3f::Constant(kNan));
-  for (const bool ascii : {false, true}) {
+  const auto expect_refused = [&](int visible, bool ascii) {
     write_cloud(cloud, folder / "nan.ply", {.ascii = ascii});
+    const std::string message = fmt::format(
+        "none of the {} visible surfels can be used: {} with positions", visible, visible);
     try {
       LoadedCloud(folder / "nan.ply", {});
       ADD_FAILURE() << "not refused";
     } catch (const Error& e) {
-      EXPECT_NE(std::string(e.what()).find("none of the 3 surfels can be used: 3 with positions"),
-                std::string::npos)
-          << e.what();
+      EXPECT_NE(std::string(e.what()).find(message), std::string::npos) << e.what();
     }
-  }
+  };
+  for (const bool ascii : {false, true}) expect_refused(3, ascii);
+  // Two invisible surfels elsewhere are no picture either.
+  cloud.position[1] = cloud.position[2] = Vec3f::Zero();
+  cloud.alpha = {1, 0, 0};
+  for (const bool ascii : {false, true}) expect_refused(1, ascii);
 }
 
 /// Every prefix of a file is refused with its name, or complete.

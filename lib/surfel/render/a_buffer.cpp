@@ -111,11 +111,11 @@ bool hides(const TileABuffer& tile, const SeenFragment& seen) {
 /// Is a back-facing fragment the far side of a body, at whose silhouette it reaches beyond the near
 /// side? Then the near side is close by, and the back is nowhere around the nearest surface with a
 /// whole sum, as it would be if it were really seen. Sums of splats that are larger than the pixel
-/// filter are too uneven to tell that of other bodies: there the near side is close, too, or lines
-/// tell that the back ends.
+/// filter are too uneven to tell whether it is: there the near side is also close in depth, or
+/// lines tell that the back ends.
 bool is_far_side(const TileABuffer& tile, const Fragment& back, const EdgeNeighbors& around) {
   constexpr float kWhole = 0.8F;
-  constexpr float kDeepest = 0.3F;  // Of bodies, as a part of their distance.
+  constexpr float kDeepest = 0.3F;  // The depth of a body, as a part of its distance.
   const float depth = front_depth(back);
   const bool is_cut = tile.layout.clips && back.channel[kCutPartial] > 0;
   const bool is_close = around.nearest_front - depth <= kDeepest * std::abs(depth);
@@ -219,8 +219,8 @@ class PixelSurfaces {
 
 /// Leaves a surface the part of its pixel in which it is nearer than the next whole one, where
 /// their planes cross: what the pixel filter has on its side of the line. The other one has the
-/// rest. Planes of the two sides of a body cross at its rim, where the surfaces do not. \param
-/// behind  the fragments behind it, nearest first.
+/// rest. Planes of the two sides of a body cross at its rim, where the surfaces do not.
+/// \param behind  The fragments behind the surface, nearest first.
 void cross(const TileABuffer& tile, SeenFragment& seen, std::span<SeenFragment> behind) {
   const Fragment& fragment = *seen.fragment;
   if (!tile.edge_filter || !is_slanted(tile, fragment)) return;
@@ -279,17 +279,15 @@ std::span<SeenFragment> look_at(const TileABuffer& tile, int count, const At& at
     const float degree = far_side ? 1 : edge.degree;
     seen[i] = seen_at(tile, fragment, degree, far_side);
     const bool cut = tile.layout.clips && fragment.channel[kCutPartial] > 0;
-    if (cut || edge.degree == 0) {
-      hidden = hidden || hides(tile, seen[i]);
-      continue;
+    if (!cut && edge.degree > 0) {
+      // Fragments of one surface share what it covers.
+      const float part = edge.coverage * surfaces->share(i);
+      const float coverage = open[surface] > 0 ? std::min(1.0F, part / open[surface]) : 1;
+      open[surface] -= part;
+      const float inside = tile.coverage(fragment, 0);
+      seen[i].coverage = std::max(kLeastCoverage, inside + degree * (coverage - inside));
+      seen[i].full_weight = fragment.channel[kWeight] / seen[i].coverage;
     }
-    // Fragments of one surface share what it covers.
-    const float part = edge.coverage * surfaces->share(i);
-    const float coverage = open[surface] > 0 ? std::min(1.0F, part / open[surface]) : 1;
-    open[surface] -= part;
-    const float inside = tile.coverage(fragment, 0);
-    seen[i].coverage = std::max(kLeastCoverage, inside + degree * (coverage - inside));
-    seen[i].full_weight = fragment.channel[kWeight] / seen[i].coverage;
     hidden = hidden || hides(tile, seen[i]);
   }
   const std::span all = std::span(seen).first(static_cast<std::size_t>(count));
@@ -639,9 +637,9 @@ class Resolver {
   PixelResult result_;
 };
 
-/// Lets a pixel's surfaces cover it in the shares that they have. Where they end, but for lines,
-/// EdgeCoverage knows what part of the pixel they cover; elsewhere nothing shows through, though
-/// surfaces behind an edge may not have been drawn.
+/// Makes a pixel opaque whose surfaces leave a part of it open, so that each keeps its part of the
+/// colour. Surfaces behind an edge may not have been drawn. Where nothing is behind a surface that
+/// ends, EdgeCoverage sets the opacity later.
 void cover(PixelResult& result) {
   if (!(result.opacity > 0)) return;
   const float scale = 1 / result.opacity;

@@ -38,8 +38,8 @@ enum FragmentChannel : int {
   /// all contributions are of the tag's material. Fragments merged in the A-buffer have kBack here
   /// instead.
   kOther = kBack,
-  /// Of unmerged fragments where ABufferLayout::planes: the first contribution's DepthSlope,
-  /// packed.
+  /// In unmerged fragments of pictures with ABufferLayout::planes: the DepthSlope of the first
+  /// contribution, packed.
   kSlope = kAlpha,
   kCovered = kDepth,  ///< Of Compositor::Worker::behind(): the share of the pixel that it covers.
 };

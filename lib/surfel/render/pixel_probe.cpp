@@ -178,6 +178,13 @@ float PixelProbe::hidden(const TileABuffer& state) const {
   return find_hidden(state)[static_cast<std::size_t>(pixel_)];
 }
 
+/// The least one of all pixels of the patch: splats behind it are left out.
+float PixelProbe::least_hidden(const TileABuffer& state) const {
+  const PixelDepths depths = find_hidden(state);
+  const auto first = depths.begin() + (pixel_ - pixel_ % kPatchPixels);
+  return *std::min_element(first, first + kPatchPixels);
+}
+
 /// A pixel's layers in use, as stored.
 PixelProbe::Layers PixelProbe::layers_of(const TileABuffer& tile, int pixel) {
   Layers layers;
@@ -213,7 +220,7 @@ void PixelProbe::replay(const TileABuffer& tile, const TileJob& job, SplatLists&
     const std::uint32_t first_sheet = next;
     r.how.hidden = hidden(drawn);
     r.least_to_merge = least_to_merge(tile, job, begin, end);
-    const std::vector<std::uint32_t> listed = listed_splats(job, begin, end, r.how.hidden);
+    const std::vector<std::uint32_t> listed = listed_splats(job, begin, end, least_hidden(drawn));
     for (std::size_t i = 0; i < listed.size();) {
       const float depth = next < end_sheets ? job.sheets[next].depth : kNothingHidden;
       std::size_t last = i;
@@ -324,8 +331,7 @@ bool PixelProbe::offer(Replay& r, Event& event) {
   const bool is_hidden = r.state.layout.opaque && !shows_front(event.fresh.channel[kTag]) &&
                          std::any_of(before.begin(), before.end(), [&](const Fragment& fragment) {
                            return !is_merged(fragment) && shows_front(fragment.channel[kTag]) &&
-                                  fragment.channel[kWeight] >= r.state.edge_weight &&
-                                  front_depth(fragment) > event.depth;
+                                  covers(r.state, fragment) && front_depth(fragment) > event.depth;
                          });
   if (is_hidden) set_fate(event.members, SplatFate::kHidden);
   return is_hidden;

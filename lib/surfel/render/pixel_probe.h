@@ -105,6 +105,7 @@ class PixelProbe {
   Fragment alone(const TileABuffer& tile, TileJob job);
   std::size_t add_splat(const TileJob& job, std::uint32_t row, const Fragment& fragment);
   float hidden(const TileABuffer& state) const;
+  float least_hidden(const TileABuffer& state) const;
   static Layers layers_of(const TileABuffer& tile, int pixel);
   static float least_to_merge(const TileABuffer& tile, const TileJob& job, std::size_t begin,
                               std::size_t end);

@@ -81,8 +81,8 @@ using PixelDepths = std::array<float, kTilePixels>;
 /// The depths of the nearest surfaces that cover pixels, see covers(); minus infinity: none.
 struct CoveringDepths {
   PixelDepths nearest;
-  /// Of surfaces whose edges are not looked for: lines, and splats larger than the pixel filter,
-  /// tell what they cover.
+  /// The nearest one among the surfaces whose edges are not looked for, since lines tell what they
+  /// cover, or their splats are larger than the pixel filter.
   PixelDepths alone;
 };
 

@@ -54,7 +54,7 @@ void require_drawable(const RenderCloud& surfels, const std::string& name) {
   const auto& dropped = surfels.dropped();
   if (surfels.size() > 0 || dropped.total() == 0) return;
   throw_input(name,
-              fmt::format("none of the {} surfels can be used: {} with positions, {} with "
+              fmt::format("none of the {} visible surfels can be used: {} with positions, {} with "
                           "variances, {} with colours that are not usable numbers",
                           dropped.total(), dropped.position, dropped.variance, dropped.color));
 }
