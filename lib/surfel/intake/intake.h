@@ -49,7 +49,8 @@ struct IntakeOptions {
   bool no_relief = false;  ///< Leave out the materials' normal and bump maps.
   double lowpass = 1;      ///< RenderOptions::lowpass of the pictures.
   double cutoff = 1;       ///< RenderOptions::cutoff.
-  /// Distance of what is nearest to the eye by that of places where the spacing is half a pixel.
+  /// The distance of the nearest surface from the eye, over the distance at which the spacing of
+  /// the surfels is half a pixel.
   double nearest = 1;
 };
 
